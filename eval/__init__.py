@@ -1,0 +1,1 @@
+"""Episodes, methods, metrics and the commands that run them."""

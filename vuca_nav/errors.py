@@ -1,0 +1,33 @@
+"""Errors that a user can mend: each says what is wrong, where, and what would be right."""
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+class VucaError(Exception):
+    """Bad input. The command line prints it as one line and exits with code 2."""
+
+
+class UnknownName(VucaError):
+    """A name that is not among those available.
+
+    Args:
+        kind: What was named, as in ``"robot"``.
+        name: The name that was given.
+        available: The names that exist.
+    """
+
+    def __init__(self, kind: str, name: str, available: Iterable[str]):
+        names = sorted(available)
+        close = get_close_matches(name, names, n=1)
+        hint = f"; did you mean {close[0]!r}?" if close else ""
+        super().__init__(f"unknown {kind} {name!r}{hint} (available: {', '.join(names)})")
+        self.kind, self.name, self.available = kind, name, tuple(names)
+
+
+class BadWorld(VucaError):
+    """A world that cannot be used: a broken scene file, a start or goal inside an obstacle, no way through."""
+
+
+class BadArgument(VucaError):
+    """An argument out of its range, or one that does not go with another."""

@@ -1,0 +1,119 @@
+"""What a run tells about itself. One interface: this base class ignores everything, a recorder overrides it.
+
+The stack and the simulation call these unconditionally; nothing in them asks whether anybody listens.
+Arguments are borrowed: an implementation that keeps an array copies it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vuca_nav.types import FloatArray, Pose2, Scan, VelocityCommand
+
+
+@dataclass(frozen=True, slots=True)
+class SceneShape:
+    """A coloured upright shape of the scene: ``kind`` is "box" (half sizes) or "cylinder" (radius, radius, half height)."""
+
+    name: str
+    kind: str
+    half_size: tuple[float, float, float]
+    """[m]"""
+    centre: tuple[float, float, float]
+    """In the world, or in the mover's frame [m]."""
+    yaw: float
+    """[rad]"""
+    category: str
+    """"wall", "block", "shelf", "pillar", "low" or a mover's kind: it decides the colour."""
+
+
+@dataclass(frozen=True, slots=True)
+class MeshPart:
+    """A rigid visual of the robot."""
+
+    name: str
+    vertices: NDArray[np.float32]
+    """(n, 3) in the frame of the body it hangs on [m]."""
+    faces: NDArray[np.uint32]
+    """(m, 3) indices of vertices."""
+    colour: tuple[int, int, int]
+    """RGB, 0-255."""
+
+
+@dataclass(frozen=True, slots=True)
+class FrontierView:
+    """The candidates of one decision of the explorer, best first is not required."""
+
+    points_in_map: FloatArray
+    """(n, 2) [m]"""
+    goal_term: FloatArray
+    """(n,) normalised D^h, 0 is best."""
+    safety_term: FloatArray
+    """(n,) normalised V^h term before gamma, 0 is best."""
+    score: FloatArray
+    """(n,) what is minimised."""
+    chosen: int
+    """Index of the chosen one, -1 if none."""
+
+
+class Telemetry:
+    """Ignores everything."""
+
+    # -- the simulation's side: what is true -------------------------------------------------------------------
+
+    def scene(
+        self, shapes: Sequence[SceneShape], bounds: tuple[float, float, float, float], goal: tuple[float, float]
+    ) -> None:
+        """The static obstacles, once."""
+
+    def robot_model(self, parts: Sequence[MeshPart]) -> None:
+        """The robot's visuals, once."""
+
+    def mover_model(self, parts: Sequence[SceneShape]) -> None:
+        """The parts of the moving obstacles, once; their poses follow with ``movers``."""
+
+    def time(self, seconds: float) -> None:
+        """Everything that follows happened at this time of the simulation or robot clock [s]."""
+
+    def robot_parts(self, positions: FloatArray, quaternions: FloatArray) -> None:
+        """True poses of the robot's parts in the world: (n, 3) [m] and (n, 4) as w, x, y, z."""
+
+    def true_pose(self, world_from_base: Pose2) -> None:
+        """Where the robot really is."""
+
+    def movers(self, poses: FloatArray) -> None:
+        """True poses of the movers' parts: (n, 3) x, y, yaw in the world; a part's own centre height is static."""
+
+    # -- the stack's side: what it knows and wants --------------------------------------------------------------
+
+    def scan(self, scan: Scan, points_in_map: FloatArray) -> None:
+        """The returns of one scan as the stack places them, (n, 2) [m]."""
+
+    def estimated_pose(self, map_from_base: Pose2, map_from_base_by_odometry: Pose2) -> None:
+        """Where SLAM, and where dead reckoning, believes the robot is."""
+
+    def grid(self, probability: NDArray[np.uint8], resolution: float, origin: tuple[float, float]) -> None:
+        """The map: (rows y, columns x), occupancy probability times 255, lower-left corner ``origin`` [m]."""
+
+    def entropy(self, entropy: float) -> None:
+        """Of the map (Section III-C) [nat]."""
+
+    def frontiers(self, view: FrontierView) -> None:
+        """One decision of the explorer."""
+
+    def path(self, points_in_map: FloatArray) -> None:
+        """The planned path, (n, 2) [m]; empty if there is none."""
+
+    def waypoint(self, point_in_map: tuple[float, float]) -> None:
+        """What the local policy heads for [m]."""
+
+    def command(self, command: VelocityCommand) -> None:
+        """What the local policy asks of the body."""
+
+    def event(self, text: str, level: str = "INFO") -> None:
+        """Something an engineer will look for: a trigger, a recovery, a collision. Level "INFO", "WARN" or "ERROR"."""
+
+    def close(self) -> None:
+        """Flush and release."""

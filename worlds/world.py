@@ -1,0 +1,137 @@
+"""What a world is: frozen descriptions of obstacles, movers, start and goal. Nothing here moves or renders.
+
+Everything is an upright extruded shape. Positions are in the world frame unless a name says otherwise.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from vuca_nav.types import Pose2
+
+ObstacleKind = Literal["wall", "block", "shelf", "pillar", "low"]
+MoverKind = Literal["cylinder", "box", "cart", "legs", "person"]
+OBSTACLE_KINDS: tuple[ObstacleKind, ...] = ("wall", "block", "shelf", "pillar", "low")
+MOVER_KINDS: tuple[MoverKind, ...] = ("cylinder", "box", "cart", "legs", "person")
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """A cuboid standing on ``base``."""
+
+    x: float
+    """Centre [m]."""
+    y: float
+    length: float
+    """Along its own x axis [m]."""
+    width: float
+    """Along its own y axis [m]."""
+    yaw: float
+    """[rad]"""
+    height: float
+    """[m]"""
+    base: float = 0.0
+    """Of its lower face above the floor [m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cylinder:
+    """An upright cylinder standing on ``base``."""
+
+    x: float
+    """Centre [m]."""
+    y: float
+    radius: float
+    """[m]"""
+    height: float
+    """[m]"""
+    base: float = 0.0
+    """Of its lower face above the floor [m]."""
+
+
+Shape = Box | Cylinder
+
+
+@dataclass(frozen=True, slots=True)
+class Obstacle:
+    """Something that stands still."""
+
+    kind: ObstacleKind
+    shape: Shape
+
+
+@dataclass(frozen=True, slots=True)
+class MoverPart:
+    """A rigid piece of a mover.
+
+    A part with a swing moves to and fro along the mover's x axis as the mover walks:
+    ``x = shape.x + swing * sin(2 pi * distance_walked / STRIDE)``, so a pair of legs has opposite swings.
+    """
+
+    shape: Shape
+    """In the mover's frame."""
+    swing: float = 0.0
+    """Amplitude, signed [m]."""
+
+
+STRIDE = 1.3
+"""Distance walked in one gait cycle (two steps) of a person [m]; a walking person of 1.7 m makes steps of about 0.65 m."""
+
+
+@dataclass(frozen=True, slots=True)
+class RandomWalk:
+    """Straight on at constant speed; before something solid or a narrow way, a new random heading. Sees no robot."""
+
+    speed: float
+    """[m/s]"""
+    seed: int
+    """Of this mover's own stream of headings."""
+
+
+@dataclass(frozen=True, slots=True)
+class Patrol:
+    """To and fro along a polyline at constant speed. Sees no robot."""
+
+    speed: float
+    """[m/s]"""
+    waypoints: tuple[tuple[float, float], ...]
+    """The first is where it starts [m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class SocialForce:
+    """A pedestrian (Helbing and Molnar 1995) that avoids walls, the others and the robot."""
+
+    speed: float
+    """Desired [m/s]."""
+    waypoints: tuple[tuple[float, float], ...]
+    """Visited in turn, over and over [m]."""
+
+
+Motion = RandomWalk | Patrol | SocialForce
+
+
+@dataclass(frozen=True, slots=True)
+class Mover:
+    """Something that moves."""
+
+    kind: MoverKind
+    parts: tuple[MoverPart, ...]
+    radius: float
+    """Of a circle about its origin that holds every part at every swing [m]."""
+    start: Pose2
+    motion: Motion
+
+
+@dataclass(frozen=True, slots=True)
+class World:
+    """A scene with its task."""
+
+    name: str
+    seed: int
+    bounds: tuple[float, float, float, float]
+    """x_min, y_min, x_max, y_max [m]."""
+    obstacles: tuple[Obstacle, ...]
+    movers: tuple[Mover, ...]
+    start: Pose2
+    goal: tuple[float, float]
+    """[m]"""
