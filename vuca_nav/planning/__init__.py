@@ -1,0 +1,1 @@
+"""Planning (1 Hz): shortest paths on the inflated grid and sparse waypoints (Section III-C)."""

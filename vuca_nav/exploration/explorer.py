@@ -1,0 +1,155 @@
+"""Where to go next: the goal once it is known, else the best frontier, with patience."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vuca_nav.exploration.frontiers import find_frontiers
+from vuca_nav.exploration.heuristic import NoCritic, SafetyCritic, score_candidates
+from vuca_nav.mapping.grid import OccupancyGrid
+from vuca_nav.planning.costmap import Costmap
+from vuca_nav.planning.paths import PathField
+from vuca_nav.telemetry import FrontierView, Telemetry
+
+
+@dataclass(frozen=True, slots=True)
+class ExplorerConfig:
+    """Settings of the choice and of its triggers."""
+
+    gamma: float = 0.0
+    """Weight of the safety term; 0 until a critic is there."""
+    min_frontier: float = 0.7
+    """Shorter frontiers lead nowhere the body fits through, or are noise [m]; explore_lite has 0.75."""
+    max_frontier: float = 3.0
+    """Longer ones are cut into pieces [m]."""
+    hysteresis: float = 3.0
+    """A new choice must have a goal cost lower by this than the present one [m]."""
+    same_within: float = 2.0
+    """A candidate this near to the present choice is the present choice, moved on [m]."""
+    reached_within: float = 0.6
+    """[m]"""
+    entropy_change: float = 1000.0
+    """Of the map since the last choice that calls for a new one [nat]; about 27 m^2 of floor newly seen."""
+    min_interval: float = 0.5
+    """Between two choices, whatever the triggers say [s]."""
+    blacklist_time: float = 30.0
+    """A target that could not be approached is left out this long [s] ..."""
+    blacklist_radius: float = 1.0
+    """... and all within this of it [m]."""
+
+
+@dataclass(slots=True)
+class Target:
+    """What the cerebrum currently heads for."""
+
+    point: tuple[float, float]
+    """In the map [m]."""
+    is_goal: bool
+
+
+@dataclass(slots=True)
+class Explorer:
+    """Chooses P_exploration. ``gamma`` V^h is in place; the critic decides what it says."""
+
+    config: ExplorerConfig = field(default_factory=ExplorerConfig)
+    critic: SafetyCritic = field(default_factory=NoCritic)
+    telemetry: Telemetry = field(default_factory=Telemetry)
+    goal: tuple[float, float] = (0.0, 0.0)
+    target: Target | None = None
+    _blacklist: list[tuple[float, float, float]] = field(default_factory=list)
+    _chosen_at: float = -math.inf
+    _information: float = 0.0
+    _goal_was_known: bool = False
+
+    def reset(self, goal: tuple[float, float]) -> None:
+        """Start a mission to ``goal`` (in the map [m])."""
+        self.goal = goal
+        self.target = None
+        self._blacklist = []
+        self._chosen_at = -math.inf
+        self._information = 0.0
+        self._goal_was_known = False
+
+    def trigger(self, now: float, grid: OccupancyGrid, robot: tuple[float, float]) -> str | None:
+        """Why a new choice is due at once, if it is: the four conditions of Section III-C.
+
+        Args:
+            now: [s]
+            grid: The navigation grid as it is now.
+            robot: Position in the map [m].
+        """
+        if now - self._chosen_at < self.config.min_interval:
+            return None
+        if self.target is None:
+            return "there is no target"
+        if self.target.is_goal:
+            return None
+        if not self._goal_was_known and grid.state(*self.goal) != 0:
+            return "the goal's state became known"
+        if math.dist(robot, self.target.point) < self.config.reached_within:
+            return "the exploration point was reached"
+        if not _borders_unknown(grid, self.target.point):
+            return "the exploration point's state changed"
+        if abs(grid.information - self._information) > self.config.entropy_change:
+            return "the map changed a lot"
+        return None
+
+    def give_up(self, now: float) -> None:
+        """Blacklist the present target for a while, and forget it."""
+        if self.target is not None and not self.target.is_goal:
+            self._blacklist.append((*self.target.point, now + self.config.blacklist_time))
+        self.target = None
+
+    def choose(self, now: float, grid: OccupancyGrid, costmap: Costmap, paths: PathField) -> Target | None:
+        """Choose anew.
+
+        Args:
+            now: [s]
+            grid: The navigation grid as it is now.
+            costmap: Made from it.
+            paths: From the robot over the costmap.
+
+        Returns:
+            The new target, or None if nothing can be reached.
+        """
+        config = self.config
+        self._chosen_at, self._information = now, grid.information
+        self._goal_was_known = grid.state(*self.goal) != 0
+        self._blacklist = [entry for entry in self._blacklist if entry[2] > now]
+        if paths.reaches(*self.goal):
+            self.target = Target(self.goal, is_goal=True)
+            return self.target
+        points, lengths = find_frontiers(costmap, paths, config.min_frontier, config.max_frontier)
+        if len(points):
+            keep = ~self._is_blacklisted(points)
+            if not keep.any() and self._blacklist:
+                self._blacklist = []  # better to try again than to give up
+                keep[:] = True
+            points, lengths = points[keep], lengths[keep]
+        if not len(points):
+            self.target = None
+            return None
+        goal_cost = np.hypot(points[:, 0] - self.goal[0], points[:, 1] - self.goal[1]) + lengths
+        if self.target is not None and not self.target.is_goal:
+            away = np.hypot(points[:, 0] - self.target.point[0], points[:, 1] - self.target.point[1])
+            goal_cost = goal_cost - config.hysteresis * (away < config.same_within)
+        safety = self.critic.values(points)
+        scores = score_candidates(goal_cost, safety, config.gamma)
+        chosen = int(np.argmin(scores.total))
+        self.telemetry.frontiers(FrontierView(points, scores.goal_term, scores.safety_term, scores.total, chosen))
+        self.target = Target((float(points[chosen, 0]), float(points[chosen, 1])), is_goal=False)
+        return self.target
+
+    def _is_blacklisted(self, points: np.ndarray) -> np.ndarray:
+        result = np.zeros(len(points), np.bool_)
+        for x, y, _ in self._blacklist:
+            result |= np.hypot(points[:, 0] - x, points[:, 1] - y) < self.config.blacklist_radius
+        return result
+
+
+def _borders_unknown(grid: OccupancyGrid, point: tuple[float, float]) -> bool:
+    """Whether a frontier is still there: an unknown cell within 0.2 m of the point."""
+    reach = round(0.2 / grid.resolution)
+    i, j = grid.cell(*point)
+    return bool((grid.level[max(i - reach, 0) : i + reach + 1, max(j - reach, 0) : j + reach + 1] == 0).any())

@@ -1,0 +1,165 @@
+"""Laser SLAM, the local part: predict by odometry, match, insert. Loop closure would correct ``map_from_base`` here.
+
+The map is kept twice. The *matching* grid changes slowly and only as the robot moves, so that walls stay sharp; the
+*navigation* grid takes every scan and forgets within a fraction of a second what has moved away.
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numba import njit
+
+from vuca_nav.geometry import between, compose, wrap_angle
+from vuca_nav.mapping.grid import GridConfig, OccupancyGrid
+from vuca_nav.mapping.scan_matching import ScanMatcher, ScanMatcherConfig
+from vuca_nav.types import FloatArray, LidarSpec, Odometry, Pose2, Scan
+
+
+@dataclass(frozen=True, slots=True)
+class SlamConfig:
+    """How the pose is found and what is written into the maps."""
+
+    localisation: Literal["slam", "odometry"] = "slam"
+    """"odometry" trusts the body's own pose: dead reckoning, or the truth where the body is told it."""
+    navigation_grid: GridConfig = field(default_factory=GridConfig)
+    matching_grid: GridConfig = field(default_factory=lambda: GridConfig(unit=0.1, hit=6, miss=1, limit=25))
+    matcher: ScanMatcherConfig = field(default_factory=ScanMatcherConfig)
+    insert_distance: float = 0.1
+    """The matching grid takes a scan after this much motion [m] ..."""
+    insert_angle: float = math.radians(3.0)
+    """... or this much turning [rad] ..."""
+    insert_period: float = 1.0
+    """... or this much time [s]."""
+    first_scans: int = 10
+    """So many scans go into the matching grid unconditionally, to have something to match against."""
+    neighbours: int = 2
+    """A beam without a return frees only as far as the shortest of so many neighbours on each side, since a dropped
+    beam looks the same and would open the wall it stood on."""
+
+
+@dataclass(frozen=True, slots=True)
+class SlamEstimate:
+    """What SLAM knows after a scan."""
+
+    map_from_base: Pose2
+    score: float
+    """Of the match, 0 to 1; 1 where none was made."""
+    points_in_map: FloatArray
+    """(n, 2) the scan's returns [m]; valid until the next scan."""
+
+
+class Slam:
+    """``update(scan, odometry) -> SlamEstimate`` at the lidar's rate."""
+
+    def __init__(self, lidar: LidarSpec, config: SlamConfig = SlamConfig()):
+        self.config = config
+        self.lidar = lidar
+        angles = lidar.angles_in_base()
+        self._beams_in_base = np.column_stack([np.cos(angles), np.sin(angles)])
+        self._ends_in_base = np.zeros((lidar.num_beams, 2))
+        self._ends_in_map = np.zeros((lidar.num_beams, 2))
+        self._box = np.zeros(4)
+        self.reset(Pose2(0.0, 0.0, 0.0))
+
+    def reset(self, start: Pose2, prior_map: OccupancyGrid | None = None) -> None:
+        """Forget everything and start at a pose of the map.
+
+        Args:
+            start: ``map_from_base`` now.
+            prior_map: A map known beforehand, if there is one.
+        """
+        self.navigation_grid = OccupancyGrid(self.config.navigation_grid, (start.x, start.y))
+        self.matching_grid = OccupancyGrid(self.config.matching_grid, (start.x, start.y))
+        if prior_map is not None:
+            self.navigation_grid.fill(prior_map.level, prior_map.origin)
+            self.matching_grid.fill(prior_map.level, prior_map.origin)
+        self._matcher = ScanMatcher(self.config.matcher, self.matching_grid)
+        self.map_from_base = start
+        self._odom_from_base: Pose2 | None = None
+        self._num_scans = 0
+        self._inserted_at = start
+        self._inserted_stamp = -math.inf
+
+    def update(self, scan: Scan, odometry: Odometry) -> SlamEstimate:
+        """Localise the scan in the map, then write it into the map."""
+        config = self.config
+        predicted = self._predict(odometry)
+        num_hits, num_ends = _beam_ends(
+            scan.ranges,
+            self._beams_in_base,
+            self.lidar.min_range,
+            self.lidar.max_range,
+            config.neighbours,
+            self._ends_in_base,
+        )
+        score = 1.0
+        self.map_from_base = predicted
+        if config.localisation == "slam" and self._num_scans > 0 and num_hits > 0:
+            match = self._matcher.match(self.matching_grid, predicted, self._ends_in_base[:num_hits])
+            self.map_from_base, score = match.map_from_base, match.score
+        pose = self.map_from_base
+        _to_map(pose.x, pose.y, pose.yaw, self._ends_in_base, num_ends, self._ends_in_map, self._box)
+        ends_in_map = self._ends_in_map[:num_ends]
+        self.navigation_grid.insert(pose, ends_in_map, num_hits, self._box)
+        if config.localisation == "slam" and self._is_due(scan.stamp):
+            self.matching_grid.insert(pose, ends_in_map, num_hits, self._box)
+            self._inserted_at, self._inserted_stamp = pose, scan.stamp
+        self._num_scans += 1
+        return SlamEstimate(pose, score, ends_in_map[:num_hits])
+
+    def _predict(self, odometry: Odometry) -> Pose2:
+        previous, self._odom_from_base = self._odom_from_base, odometry.odom_from_base
+        if previous is None:
+            return self.map_from_base
+        return compose(self.map_from_base, between(previous, odometry.odom_from_base))
+
+    def _is_due(self, stamp: float) -> bool:
+        c, pose, last = self.config, self.map_from_base, self._inserted_at
+        return (
+            self._num_scans < c.first_scans
+            or math.hypot(pose.x - last.x, pose.y - last.y) > c.insert_distance
+            or abs(wrap_angle(pose.yaw - last.yaw)) > c.insert_angle
+            or stamp - self._inserted_stamp >= c.insert_period
+        )
+
+
+@njit(cache=True)
+def _beam_ends(ranges, beams, min_range, max_range, neighbours, ends):
+    """Returns first, then the ends of beams that met nothing; how many of each in all."""
+    n = ranges.shape[0]
+    count = 0
+    for k in range(n):
+        if min_range <= ranges[k] < max_range:
+            ends[count, 0] = ranges[k] * beams[k, 0]
+            ends[count, 1] = ranges[k] * beams[k, 1]
+            count += 1
+    num_hits = count
+    for k in range(n):
+        if ranges[k] >= max_range:
+            free = max_range
+            for d in range(-neighbours, neighbours + 1):
+                free = min(free, ranges[(k + d) % n])
+            if free >= min_range:
+                ends[count, 0] = free * beams[k, 0]
+                ends[count, 1] = free * beams[k, 1]
+                count += 1
+    return num_hits, count
+
+
+@njit(cache=True)
+def _to_map(x, y, yaw, points_in_base, count, points_in_map, box):
+    """Transform, and the bounding box of the result and the origin."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    box[0] = box[2] = x
+    box[1] = box[3] = y
+    for k in range(count):
+        px = x + c * points_in_base[k, 0] - s * points_in_base[k, 1]
+        py = y + s * points_in_base[k, 0] + c * points_in_base[k, 1]
+        points_in_map[k, 0] = px
+        points_in_map[k, 1] = py
+        box[0] = min(box[0], px)
+        box[1] = min(box[1], py)
+        box[2] = max(box[2], px)
+        box[3] = max(box[3], py)

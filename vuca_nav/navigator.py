@@ -1,0 +1,201 @@
+"""The stack: ``Navigator.step(scan, odometry) -> VelocityCommand``, each stage at its rate (Section III-A)."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vuca_nav.errors import BadArgument
+from vuca_nav.exploration.explorer import Explorer, ExplorerConfig
+from vuca_nav.exploration.heuristic import NoCritic, SafetyCritic
+from vuca_nav.geometry import compose, distance
+from vuca_nav.mapping.grid import OccupancyGrid
+from vuca_nav.mapping.slam import Slam, SlamConfig
+from vuca_nav.planning.costmap import Costmap, CostmapConfig
+from vuca_nav.planning.paths import PathField
+from vuca_nav.planning.waypoints import farthest_free_waypoint
+from vuca_nav.policy.base import LocalObservation, LocalPolicy
+from vuca_nav.telemetry import Telemetry
+from vuca_nav.types import STOP, BodySpec, FloatArray, LidarSpec, Odometry, Pose2, Scan, VelocityCommand
+
+
+@dataclass(frozen=True, slots=True)
+class NavigatorConfig:
+    """Rates (Section III-A), and the settings of the stages."""
+
+    rate: float = 30.0
+    """Mapping and local control [Hz]."""
+    planning_rate: float = 1.0
+    """[Hz]"""
+    exploration_rate: float = 0.2
+    """[Hz]; its triggers act between."""
+    trigger_rate: float = 5.0
+    """At which the triggers are looked at [Hz]."""
+    goal_tolerance: float = 0.15
+    """Distance by its own estimate at which the robot stops [m]: half of what counts as arrived, for SLAM's error."""
+    waypoint_reached: float = 0.5
+    """Nearer than this the next waypoint is planned without waiting [m]."""
+    stuck_time: float = 12.0
+    """Without ``stuck_distance`` of way in this time a target is given up [s]."""
+    stuck_distance: float = 0.5
+    """[m]"""
+    slam: SlamConfig = field(default_factory=SlamConfig)
+    explorer: ExplorerConfig = field(default_factory=ExplorerConfig)
+    costmap: CostmapConfig = field(default_factory=CostmapConfig)
+
+    def ticks(self, rate: float) -> int:
+        """Ticks of the loop between two runs of a stage.
+
+        Raises:
+            BadArgument: If the rates do not divide.
+        """
+        ticks = round(self.rate / rate)
+        if ticks < 1 or abs(ticks * rate - self.rate) > 1e-9 * self.rate:
+            raise BadArgument(f"a stage's rate of {rate} Hz does not divide the loop's {self.rate} Hz exactly")
+        return ticks
+
+
+class Navigator:
+    """Cerebrum (mapping, exploration, planning) over cerebellum (a local policy)."""
+
+    def __init__(
+        self,
+        body: BodySpec,
+        lidar: LidarSpec,
+        policy: LocalPolicy,
+        config: NavigatorConfig = NavigatorConfig(),
+        telemetry: Telemetry = Telemetry(),
+        critic: SafetyCritic = NoCritic(),
+    ):
+        """Build.
+
+        Args:
+            body: What is driven.
+            lidar: What it sees with; its rate must be the loop's.
+            policy: The lower layer.
+            config: Rates and settings.
+            telemetry: Who listens.
+            critic: What rates frontiers for safety.
+
+        Raises:
+            BadArgument: If rates do not divide.
+        """
+        if lidar.rate != config.rate:
+            raise BadArgument(f"the lidar runs at {lidar.rate} Hz, the navigator at {config.rate} Hz: make them equal")
+        self.body = body
+        self.config = config
+        self.policy = policy
+        self.telemetry = telemetry
+        self.slam = Slam(lidar, config.slam)
+        self.explorer = Explorer(config.explorer, critic, telemetry)
+        self._planning_ticks = config.ticks(config.planning_rate)
+        self._exploration_ticks = config.ticks(config.exploration_rate)
+        self._trigger_ticks = config.ticks(config.trigger_rate)
+        self.reset(Pose2(0.0, 0.0, 0.0), (0.0, 0.0))
+
+    @property
+    def map_from_base(self) -> Pose2:
+        """Where the robot believes it is."""
+        return self.slam.map_from_base
+
+    def reset(self, start: Pose2, goal: tuple[float, float], prior_map: OccupancyGrid | None = None) -> None:
+        """Begin a mission.
+
+        Args:
+            start: ``map_from_base`` now; it defines the map's frame.
+            goal: In the map [m].
+            prior_map: A map known beforehand, if there is one.
+        """
+        self.slam.reset(start, prior_map)
+        self.explorer.reset(goal)
+        self.policy.reset()
+        self.goal = goal
+        self.start = start
+        self.arrived = False
+        self._tick = 0
+        self._path_in_map: FloatArray = np.empty((0, 2))
+        self._waypoint = (start.x, start.y)
+        self._moved_from = start
+        self._moved_tick = 0
+
+    def step(self, scan: Scan, odometry: Odometry) -> VelocityCommand:
+        """One tick: localise and map; explore and plan when due; command.
+
+        Args:
+            scan: The lidar's latest.
+            odometry: The body's, at the same time.
+
+        Returns:
+            The command to hold until the next tick.
+        """
+        telemetry = self.telemetry
+        estimate = self.slam.update(scan, odometry)
+        pose = estimate.map_from_base
+        telemetry.estimated_pose(pose, compose(self.start, odometry.odom_from_base))
+        telemetry.scan(scan, estimate.points_in_map)
+        self._cerebrum(scan.stamp, pose)
+        self.arrived = distance(pose, self.goal) < self.config.goal_tolerance
+        command = STOP if self.arrived or not len(self._path_in_map) else self._cerebellum(scan, odometry, pose)
+        telemetry.command(command)
+        self._tick += 1
+        return command
+
+    def _cerebellum(self, scan: Scan, odometry: Odometry, pose: Pose2) -> VelocityCommand:
+        c, s = math.cos(pose.yaw), math.sin(pose.yaw)
+        dx, dy = self._waypoint[0] - pose.x, self._waypoint[1] - pose.y
+        waypoint_in_base = (c * dx + s * dy, -s * dx + c * dy)
+        return self.policy.command(
+            LocalObservation(scan, waypoint_in_base, self._waypoint == self.goal, odometry.twist)
+        )
+
+    def _cerebrum(self, now: float, pose: Pose2) -> None:
+        """Explore and plan, if it is time or there is cause."""
+        tick = self._tick
+        reason = "it is time" if tick % self._exploration_ticks == 0 else None
+        if tick % self._trigger_ticks == 0:
+            if self._is_stuck(pose):
+                self.explorer.give_up(now)
+                self.telemetry.event("no progress: target given up", "WARN")
+            reason = self.explorer.trigger(now, self.slam.navigation_grid, (pose.x, pose.y)) or reason
+        reached = (
+            self._waypoint != self.goal
+            and len(self._path_in_map) > 0
+            and distance(pose, self._waypoint) < self.config.waypoint_reached
+            and tick % self._trigger_ticks == 0
+        )
+        if reason is not None or reached or tick % self._planning_ticks == 0:
+            self._plan(now, pose, reason)
+
+    def _plan(self, now: float, pose: Pose2, reason: str | None) -> None:
+        grid, telemetry, position = self.slam.navigation_grid, self.telemetry, (pose.x, pose.y)
+        costmap = Costmap(grid, self.body.radius, position, self.config.costmap)
+        paths = PathField(costmap, position)
+        target = self.explorer.target
+        if reason is not None or target is None:
+            before = target.point if target is not None else None
+            target = self.explorer.choose(now, grid, costmap, paths)
+            if target is not None and target.point != before:
+                what = "the goal" if target.is_goal else f"({target.point[0]:.1f}, {target.point[1]:.1f})"
+                telemetry.event(f"{reason}: now heading for {what}")
+        path = paths.path_to(*target.point) if target is not None else np.empty((0, 2))
+        if len(path):
+            self._waypoint = farthest_free_waypoint(costmap, path, position)
+            self._path_in_map = path
+        elif target is None or not len(self._path_in_map):
+            self._path_in_map = path
+        else:
+            # Somebody stands in the way, most likely; keep going by the last path, and let the explorer look around.
+            telemetry.event("no path to the target: keeping the last one", "WARN")
+            self.explorer.target = None if target.is_goal else target
+        telemetry.grid(grid.probability(), grid.resolution, grid.origin)
+        telemetry.entropy(grid.entropy)
+        telemetry.path(self._path_in_map)
+        telemetry.waypoint(self._waypoint)
+
+    def _is_stuck(self, pose: Pose2) -> bool:
+        if distance(pose, self._moved_from) > self.config.stuck_distance:
+            self._moved_from, self._moved_tick = pose, self._tick
+        if self._tick - self._moved_tick < self.config.stuck_time * self.config.rate:
+            return False
+        self._moved_tick = self._tick
+        return True
