@@ -187,7 +187,7 @@ class Navigator:
             # Somebody stands in the way, most likely; keep going by the last path, and let the explorer look around.
             telemetry.event("no path to the target: keeping the last one", "WARN")
             self.explorer.target = None if target.is_goal else target
-        telemetry.grid(grid.probability(), grid.resolution, grid.origin)
+        telemetry.grid(grid)
         telemetry.entropy(grid.entropy)
         telemetry.path(self._path_in_map)
         telemetry.waypoint(self._waypoint)

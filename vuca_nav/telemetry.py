@@ -10,17 +10,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vuca_nav.mapping.grid import OccupancyGrid
 from vuca_nav.types import FloatArray, Pose2, Scan, VelocityCommand
 
 
 @dataclass(frozen=True, slots=True)
 class SceneShape:
-    """A coloured upright shape of the scene: ``kind`` is "box" (half sizes) or "cylinder" (radius, radius, half height)."""
+    """A coloured upright shape of the scene."""
 
     name: str
     kind: str
+    """"box" or "cylinder"."""
     half_size: tuple[float, float, float]
-    """[m]"""
+    """Of a box along its own axes; radius, radius, half height of a cylinder [m]."""
     centre: tuple[float, float, float]
     """In the world, or in the mover's frame [m]."""
     yaw: float
@@ -61,10 +63,13 @@ class FrontierView:
 class Telemetry:
     """Ignores everything."""
 
-    # -- the simulation's side: what is true -------------------------------------------------------------------
+    # -- the simulation's side: what is true -------------------------------------------------------
 
     def scene(
-        self, shapes: Sequence[SceneShape], bounds: tuple[float, float, float, float], goal: tuple[float, float]
+        self,
+        shapes: Sequence[SceneShape],
+        bounds: tuple[float, float, float, float],
+        goal: tuple[float, float],
     ) -> None:
         """The static obstacles, once."""
 
@@ -84,9 +89,9 @@ class Telemetry:
         """Where the robot really is."""
 
     def movers(self, poses: FloatArray) -> None:
-        """True poses of the movers' parts: (n, 3) x, y, yaw in the world; a part's own centre height is static."""
+        """True poses of the movers' parts: (n, 3) x, y, yaw in the world; centre heights are static."""
 
-    # -- the stack's side: what it knows and wants --------------------------------------------------------------
+    # -- the stack's side: what it knows and wants -------------------------------------------------
 
     def scan(self, scan: Scan, points_in_map: FloatArray) -> None:
         """The returns of one scan as the stack places them, (n, 2) [m]."""
@@ -94,8 +99,8 @@ class Telemetry:
     def estimated_pose(self, map_from_base: Pose2, map_from_base_by_odometry: Pose2) -> None:
         """Where SLAM, and where dead reckoning, believes the robot is."""
 
-    def grid(self, probability: NDArray[np.uint8], resolution: float, origin: tuple[float, float]) -> None:
-        """The map: (rows y, columns x), occupancy probability times 255, lower-left corner ``origin`` [m]."""
+    def grid(self, grid: OccupancyGrid) -> None:
+        """The navigation grid as it is now; ``grid.probability()`` is what one would draw."""
 
     def entropy(self, entropy: float) -> None:
         """Of the map (Section III-C) [nat]."""
@@ -113,7 +118,15 @@ class Telemetry:
         """What the local policy asks of the body."""
 
     def event(self, text: str, level: str = "INFO") -> None:
-        """Something an engineer will look for: a trigger, a recovery, a collision. Level "INFO", "WARN" or "ERROR"."""
+        """Something an engineer will look for: a trigger, a recovery, a collision.
+
+        Args:
+            text: One line.
+            level: "INFO", "WARN" or "ERROR".
+        """
+
+    def wait(self) -> None:
+        """After the run, before ``close``: return once nobody watches it through this process any more."""
 
     def close(self) -> None:
         """Flush and release."""

@@ -29,8 +29,8 @@ class ExplorerConfig:
     """A candidate this near to the present choice is the present choice, moved on [m]."""
     reached_within: float = 0.6
     """[m]"""
-    entropy_change: float = 1000.0
-    """Of the map since the last choice that calls for a new one [nat]; about 27 m^2 of floor newly seen."""
+    entropy_change: float = 4000.0
+    """Of the map since the last choice that calls for a new one [nat]; about 30 m^2 of floor newly seen."""
     min_interval: float = 0.5
     """Between two choices, whatever the triggers say [s]."""
     blacklist_time: float = 30.0
@@ -89,7 +89,7 @@ class Explorer:
             return "the goal's state became known"
         if math.dist(robot, self.target.point) < self.config.reached_within:
             return "the exploration point was reached"
-        if not _borders_unknown(grid, self.target.point):
+        if not _is_frontier(grid, self.target.point):
             return "the exploration point's state changed"
         if abs(grid.information - self._information) > self.config.entropy_change:
             return "the map changed a lot"
@@ -148,8 +148,15 @@ class Explorer:
         return result
 
 
-def _borders_unknown(grid: OccupancyGrid, point: tuple[float, float]) -> bool:
-    """Whether a frontier is still there: an unknown cell within 0.2 m of the point."""
+def _is_frontier(grid: OccupancyGrid, point: tuple[float, float]) -> bool:
+    """Whether there still is a boundary cell within 0.2 m of the point."""
     reach = round(0.2 / grid.resolution)
     i, j = grid.cell(*point)
-    return bool((grid.level[max(i - reach, 0) : i + reach + 1, max(j - reach, 0) : j + reach + 1] == 0).any())
+    window = grid.level[max(i - reach, 0) : i + reach + 1, max(j - reach, 0) : j + reach + 1]
+    free, unknown = window < 0, window == 0
+    return bool(
+        (free[1:] & unknown[:-1]).any()
+        or (free[:-1] & unknown[1:]).any()
+        or (free[:, 1:] & unknown[:, :-1]).any()
+        or (free[:, :-1] & unknown[:, 1:]).any()
+    )

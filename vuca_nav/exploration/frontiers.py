@@ -28,9 +28,13 @@ def find_frontiers(
     """
     step = costmap.resolution
     cells = _candidates(
-        costmap.state, field.cost, UNREACHED, max(1, round(min_length / step)), max(1, round(max_length / step))
+        costmap.state,
+        field.cost,
+        UNREACHED,
+        max(1, round(min_length / step)),
+        max(1, round(max_length / step)),
     )
-    points = (cells[:, ::-1] + 0.5) * step + costmap.origin
+    points = (cells[:, ::-1].astype(np.float64) + 0.5) * step + np.array(costmap.origin)
     lengths = np.array([field.length_to_cell(int(i), int(j)) for i, j in cells])
     return points, lengths
 

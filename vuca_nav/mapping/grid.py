@@ -65,14 +65,18 @@ class OccupancyGrid:
         self.probability_of_level = 1.0 / (1.0 + np.exp(-levels))
         """(256,) indexed by level + 128."""
         p = self.probability_of_level
-        self._entropy_of_level = -p * np.log(p)
+        self._entropy_of_level = -p * np.log(p) - (1.0 - p) * np.log(1.0 - p)
         self._entropy_gain = np.zeros(1)
         self.known_box = (centre[0], centre[1], centre[0], centre[1])
         """x_min, y_min, x_max, y_max of all that was ever written to [m]."""
 
     @property
     def entropy(self) -> float:
-        """``-sum p log p`` over all cells [nat] (Section III-C), kept up to date by ``insert``."""
+        """Of the map, summed over all cells [nat], kept up to date by ``insert``.
+
+        Section III-C prints ``-sum p log p`` with p the occupancy alone, which is largest at p = 1/e, so that the
+        first look at a free cell would raise it. This is the entropy of the cell's two outcomes: largest at 1/2.
+        """
         return self.level.size * float(self._entropy_of_level[128]) + float(self._entropy_gain[0])
 
     @property
@@ -122,12 +126,15 @@ class OccupancyGrid:
     def _include(self, x_min: float, y_min: float, x_max: float, y_max: float) -> None:
         known = self.known_box
         if x_min < known[0] or y_min < known[1] or x_max > known[2] or y_max > known[3]:
-            self.known_box = (min(x_min, known[0]), min(y_min, known[1]), max(x_max, known[2]), max(y_max, known[3]))
+            self.known_box = (
+                min(x_min, known[0]),
+                min(y_min, known[1]),
+                max(x_max, known[2]),
+                max(y_max, known[3]),
+            )
             self.cover(*self.known_box)
 
-    def insert(
-        self, map_from_sensor: Pose2, points_in_map: FloatArray, num_hits: int, box: FloatArray
-    ) -> None:
+    def insert(self, map_from_sensor: Pose2, points_in_map: FloatArray, num_hits: int, box: FloatArray) -> None:
         """Update every cell that the scan saw, once: a return's cell up, the cells on the way to it down.
 
         Args:
@@ -205,13 +212,12 @@ def _insert(
         t_i = ((i + 1 - sensor_i) if di > 0 else (sensor_i - i)) * t_per_i
         t_j = ((j + 1 - sensor_j) if dj > 0 else (sensor_j - j)) * t_per_j
         for _ in range(abs(last_i - i) + abs(last_j - j)):
-            if last_update[i, j] != scan_index:
+            old = level[i, j]
+            if old > -limit and last_update[i, j] != scan_index:
                 last_update[i, j] = scan_index
-                old = level[i, j]
-                if old > -limit:
-                    new = max(old - miss, -limit)
-                    level[i, j] = new
-                    gain += entropy_of_level[new + 128] - entropy_of_level[old + 128]
+                new = max(old - miss, -limit)
+                level[i, j] = new
+                gain += entropy_of_level[new + 128] - entropy_of_level[old + 128]
             if t_i < t_j:
                 t_i += t_per_i
                 i += step_i

@@ -1,4 +1,4 @@
-"""Scan to map: correlative search for the basin, Gauss-Newton on the interpolated grid for the rest.
+"""Scan to map: correlative search for the basin, Gauss-Newton on the smoothed grid for the rest.
 
 After Cartographer's local SLAM (Hess et al. 2016, Section IV): a small real-time correlative search (Olson 2009)
 around the prediction, then a refinement whose cost is the occupied-space term plus a pull towards the prediction.
@@ -69,7 +69,11 @@ class ScanMatcher:
         match = self._fit(grid, predicted, points_in_base, c.linear_window, c.angular_window)
         if match.score < c.recovery_score:
             wide = self._fit(
-                grid, predicted, points_in_base, c.recovery_factor * c.linear_window, c.recovery_factor * c.angular_window
+                grid,
+                predicted,
+                points_in_base,
+                c.recovery_factor * c.linear_window,
+                c.recovery_factor * c.angular_window,
             )
             if wide.score > match.score + 0.05:
                 return wide
@@ -146,7 +150,7 @@ def _search(
 
 @njit(cache=True)
 def _evaluate(level, value_of_level, origin_x, origin_y, per_metre, points, x, y, yaw, hessian, gradient):
-    """Cost 0.5 mean (1 - M)^2, and its Gauss-Newton system, M by cubic interpolation (Keys 1981) of the grid."""
+    """Cost 0.5 mean (1 - M)^2, and its Gauss-Newton system, M the grid smoothed by a cubic B-spline."""
     rows, columns = level.shape
     c, s = math.cos(yaw), math.sin(yaw)
     hessian[:] = 0.0
@@ -211,15 +215,16 @@ def _evaluate(level, value_of_level, origin_x, origin_y, per_metre, points, x, y
 
 @njit(cache=True)
 def _cubic(t, weight, slope):
-    """Catmull-Rom weights of four neighbours at fraction t, and their derivatives."""
-    weight[0] = ((-0.5 * t + 1.0) * t - 0.5) * t
-    weight[1] = (1.5 * t - 2.5) * t * t + 1.0
-    weight[2] = ((-1.5 * t + 2.0) * t + 0.5) * t
-    weight[3] = (0.5 * t - 0.5) * t * t
-    slope[0] = (-1.5 * t + 2.0) * t - 0.5
-    slope[1] = (4.5 * t - 5.0) * t
-    slope[2] = (-4.5 * t + 4.0) * t + 0.5
-    slope[3] = (1.5 * t - 1.0) * t
+    """Weights of four neighbours at fraction t, and their derivatives: the uniform cubic B-spline."""
+    u = 1.0 - t
+    weight[0] = u * u * u / 6.0
+    weight[1] = (3.0 * t * t * t - 6.0 * t * t + 4.0) / 6.0
+    weight[2] = (3.0 * u * u * u - 6.0 * u * u + 4.0) / 6.0
+    weight[3] = t * t * t / 6.0
+    slope[0] = -0.5 * u * u
+    slope[1] = 1.5 * t * t - 2.0 * t
+    slope[2] = -1.5 * u * u + 2.0 * u
+    slope[3] = 0.5 * t * t
 
 
 @njit(cache=True)
@@ -250,7 +255,17 @@ def _refine(
         step = -np.linalg.solve(a, b)
         nx, ny, nyaw = x + step[0], y + step[1], yaw + step[2]
         new_data, new_score = _evaluate(
-            level, value_of_level, origin_x, origin_y, per_metre, points, nx, ny, nyaw, new_hessian, new_gradient
+            level,
+            value_of_level,
+            origin_x,
+            origin_y,
+            per_metre,
+            points,
+            nx,
+            ny,
+            nyaw,
+            new_hessian,
+            new_gradient,
         )
         new_cost = new_data + 0.5 * (pull_t * ((nx - x0) ** 2 + (ny - y0) ** 2) + pull_r * (nyaw - yaw0) ** 2)
         if new_cost < cost:

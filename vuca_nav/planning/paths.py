@@ -43,7 +43,7 @@ class PathField:
             return np.empty((0, 2))
         i, j = self.costmap.cell(x, y)
         cells = _trace(self._came_by, i, j, _DI, _DJ)
-        points = (cells[::-1, ::-1] + 0.5) * self.costmap.resolution + self.costmap.origin
+        points = (cells[::-1, ::-1].astype(np.float64) + 0.5) * self.costmap.resolution + np.array(self.costmap.origin)
         points[0] = self.start
         if len(points) > 1:
             points[-1] = x, y

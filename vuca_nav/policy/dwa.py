@@ -78,7 +78,6 @@ class DynamicWindow(LocalPolicy):
             observation.waypoint_in_base[0],
             observation.waypoint_in_base[1],
             observation.is_final,
-            self._last.v_x,
             self._last.w_z,
             max(body.min_v_x, self._last.v_x - c.window * body.max_a_x),
             min(body.max_v_x, self._last.v_x + c.window * body.max_a_x),
@@ -141,71 +140,81 @@ def _distance_field(ranges, beams, resolution, reach, field):
     for i in range(1, n):
         for j in range(1, n - 1):
             field[i, j] = min(
-                field[i, j], field[i - 1, j] + 5, field[i, j - 1] + 5, field[i - 1, j - 1] + 7, field[i - 1, j + 1] + 7
+                field[i, j],
+                field[i - 1, j] + 5,
+                field[i, j - 1] + 5,
+                field[i - 1, j - 1] + 7,
+                field[i - 1, j + 1] + 7,
             )
     for i in range(n - 2, -1, -1):
         for j in range(n - 2, 0, -1):
             field[i, j] = min(
-                field[i, j], field[i + 1, j] + 5, field[i, j + 1] + 5, field[i + 1, j + 1] + 7, field[i + 1, j - 1] + 7
+                field[i, j],
+                field[i + 1, j] + 5,
+                field[i, j + 1] + 5,
+                field[i + 1, j + 1] + 7,
+                field[i + 1, j - 1] + 7,
             )
 
 
 @njit(cache=True)
-def _room(field, resolution, reach, discs, x, y, yaw):
+def _room(field, resolution, reach, discs, x, y, cos_yaw, sin_yaw):
     """Least distance between a disc's edge and a return, the body at a pose [m]."""
     n = field.shape[0]
-    c, s = math.cos(yaw), math.sin(yaw)
+    per_metre = 1.0 / resolution
     least = 1e9
     for k in range(discs.shape[0]):
-        px = x + c * discs[k, 0] - s * discs[k, 1]
-        py = y + s * discs[k, 0] + c * discs[k, 1]
-        j = int((px + reach) / resolution)
-        i = int((py + reach) / resolution)
+        px = x + cos_yaw * discs[k, 0] - sin_yaw * discs[k, 1]
+        py = y + sin_yaw * discs[k, 0] + cos_yaw * discs[k, 1]
+        j = int((px + reach) * per_metre)
+        i = int((py + reach) * per_metre)
         if 0 <= i < n and 0 <= j < n:
-            least = min(least, field[i, j] * 0.2 * resolution - discs[k, 2])
+            least = min(least, field[i, j] * (0.2 * resolution) - discs[k, 2])
     return least
 
 
 @njit(cache=True)
 def _best(
-    field, resolution, reach, discs, goal_x, goal_y, is_final, last_v, last_w, v_min, v_max, w_min, w_max, num_v,
+    field, resolution, reach, discs, goal_x, goal_y, is_final, last_w, v_min, v_max, w_min, w_max, num_v,
     num_w, horizon, dt, margin, comfort, comfort_weight, heading_weight, turn_weight, backward_weight, brake_margin,
     max_a,
 ):  # fmt: skip
     """Cheapest admissible pair of velocities, and whether there was any."""
-    room_now = _room(field, resolution, reach, discs, 0.0, 0.0, 0.0) - margin
+    room_now = _room(field, resolution, reach, discs, 0.0, 0.0, 1.0, 0.0) - margin
     steps = int(round(horizon / dt))
     best_cost, best_v, best_w, found = 1e30, 0.0, 0.0, False
-    for a in range(num_v):
-        v = v_min + (v_max - v_min) * a / (num_v - 1)
-        for b in range(num_w + 1):
-            # The last one: straight ahead, which the even spacing may miss.
-            w = w_min + (w_max - w_min) * b / (num_w - 1) if b < num_w else min(max(0.0, w_min), w_max)
-            x = y = yaw = 0.0
+    for b in range(num_w + 1):
+        # The last one: straight ahead, which the even spacing may miss.
+        w = w_min + (w_max - w_min) * b / (num_w - 1) if b < num_w else min(max(0.0, w_min), w_max)
+        half_cos, half_sin = math.cos(0.5 * w * dt), math.sin(0.5 * w * dt)
+        for a in range(num_v):
+            v = v_min + (v_max - v_min) * a / (num_v - 1)
+            x = y = 0.0
+            c, s = 1.0, 0.0  # of the heading
             least = 1e9
-            nearest = math.hypot(goal_x, goal_y)
+            nearest = goal_x * goal_x + goal_y * goal_y
             free = horizon
             for step in range(steps):
-                yaw += 0.5 * w * dt
-                x += v * math.cos(yaw) * dt
-                y += v * math.sin(yaw) * dt
-                yaw += 0.5 * w * dt
-                room = _room(field, resolution, reach, discs, x, y, yaw) - margin
+                c, s = c * half_cos - s * half_sin, s * half_cos + c * half_sin
+                x += v * c * dt
+                y += v * s * dt
+                c, s = c * half_cos - s * half_sin, s * half_cos + c * half_sin
+                room = _room(field, resolution, reach, discs, x, y, c, s) - margin
                 # From too near an obstacle one may still move away from it.
                 if room < 0.0 and room <= room_now + 1e-3 * step:
                     free = step * dt
                     break
                 least = min(least, room)
-                nearest = min(nearest, math.hypot(goal_x - x, goal_y - y))
+                nearest = min(nearest, (goal_x - x) ** 2 + (goal_y - y) ** 2)
             if free < horizon:
                 if abs(v) < 1e-6 and room_now >= 0.0:
                     continue
                 if abs(v) * free < v * v / (2.0 * max_a) + brake_margin:
                     continue
                 least = 0.0
-            away = nearest if is_final else math.hypot(goal_x - x, goal_y - y)
-            off = math.atan2(goal_y - y, goal_x - x) - yaw
-            off = abs((off + math.pi) % (2.0 * math.pi) - math.pi)
+            away = math.sqrt(nearest) if is_final else math.hypot(goal_x - x, goal_y - y)
+            # Angle between the heading at the end and the direction to the waypoint.
+            off = abs(math.atan2(c * (goal_y - y) - s * (goal_x - x), c * (goal_x - x) + s * (goal_y - y)))
             near = max(0.0, (comfort - max(least, 0.0)) / comfort)
             cost = (
                 away

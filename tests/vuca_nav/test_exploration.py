@@ -1,0 +1,190 @@
+import numpy as np
+import pytest
+
+from tests.vuca_nav.test_planning import as_grid, hall
+from vuca_nav.exploration.explorer import Explorer, ExplorerConfig
+from vuca_nav.exploration.frontiers import find_frontiers
+from vuca_nav.exploration.heuristic import NoCritic, SafetyCritic, score_candidates
+from vuca_nav.planning.costmap import Costmap, CostmapConfig
+from vuca_nav.planning.paths import PathField
+from vuca_nav.telemetry import FrontierView, Telemetry
+
+
+def two_doors() -> np.ndarray:
+    """A 6 x 4 m hall known but for what lies behind openings in its right and its upper wall."""
+    picture = hall(60, 40)
+    picture[15:25, 59] = " "  # right, 1 m wide, centred at y = 2.0
+    picture[0, 10:20] = " "  # upper, centred at x = 1.5
+    return picture
+
+
+def view(picture: np.ndarray, robot=(3.0, 2.0)):
+    grid = as_grid(picture)
+    costmap = Costmap(grid, 0.3, robot, CostmapConfig())
+    return grid, costmap, PathField(costmap, robot)
+
+
+def test_a_frontier_is_found_at_each_opening():
+    _, costmap, field = view(two_doors())
+    points, lengths = find_frontiers(costmap, field, 0.7, 3.0)
+    assert len(points) == 2
+    by_x = points[np.argsort(points[:, 0])]
+    np.testing.assert_allclose(by_x[0], (1.5, 3.85), atol=0.25)
+    np.testing.assert_allclose(by_x[1], (5.85, 2.0), atol=0.25)
+    straight = np.hypot(points[:, 0] - 3.0, points[:, 1] - 2.0)
+    assert (lengths >= straight - 0.15).all()
+    assert (lengths <= 1.15 * straight + 0.15).all()
+
+
+def test_short_frontiers_are_noise_and_long_ones_are_cut():
+    picture = hall(60, 40)
+    picture[20:24, 59] = " "
+    _, costmap, field = view(picture)
+    assert len(find_frontiers(costmap, field, 0.7, 3.0)[0]) == 0
+    picture = hall(60, 40)
+    picture[1:39, 40:] = " "
+    _, costmap, field = view(picture)
+    assert len(find_frontiers(costmap, field, 0.7, 10.0)[0]) == 1
+    assert len(find_frontiers(costmap, field, 0.7, 1.0)[0]) == 4
+
+
+def test_frontiers_out_of_reach_are_left_out():
+    picture = two_doors()
+    picture[1:39, 50] = "#"
+    _, costmap, field = view(picture)
+    points, _ = find_frontiers(costmap, field, 0.7, 3.0)
+    assert len(points) == 1
+    assert points[0, 1] > 3.5
+
+
+def test_heuristic_by_hand():
+    scores = score_candidates(np.array([10.0, 14.0, 12.0]), np.array([1.0, 3.0, 2.0]), gamma=0.5)
+    np.testing.assert_allclose(scores.goal_term, [0.0, 1.0, 0.5])
+    np.testing.assert_allclose(scores.safety_term, [1.0, 0.0, 0.5])
+    np.testing.assert_allclose(scores.total, [0.5, 1.0, 0.75])
+
+
+def test_heuristic_of_equals_is_zero():
+    scores = score_candidates(np.array([3.0, 3.0]), np.array([1.0, 1.0]), gamma=1.0)
+    np.testing.assert_array_equal(scores.total, [0.0, 0.0])
+
+
+class Decisions(Telemetry):
+    def __init__(self):
+        self.views: list[FrontierView] = []
+
+    def frontiers(self, view: FrontierView) -> None:
+        self.views.append(view)
+
+
+def test_the_goal_heuristic_chooses_the_opening_towards_the_goal():
+    grid, costmap, field = view(two_doors())
+    for goal, expected in (((20.0, 2.0), (5.85, 2.0)), ((1.5, 20.0), (1.5, 3.85))):
+        told = Decisions()
+        explorer = Explorer(telemetry=told)
+        explorer.reset(goal)
+        target = explorer.choose(0.0, grid, costmap, field)
+        assert target is not None
+        assert target.point == pytest.approx(expected, abs=0.25)
+        assert not target.is_goal
+        assert told.views[0].chosen == int(np.argmin(told.views[0].score))
+
+
+def test_a_critic_with_gamma_can_overrule_it():
+    class PrefersUp(SafetyCritic):
+        def values(self, points_in_map):
+            return points_in_map[:, 1]
+
+    grid, costmap, field = view(two_doors())
+    for critic, gamma, expected_y in (
+        (PrefersUp(), 2.0, 3.85),
+        (PrefersUp(), 0.0, 2.0),
+        (NoCritic(), 2.0, 2.0),
+    ):
+        explorer = Explorer(ExplorerConfig(gamma=gamma), critic)
+        explorer.reset((20.0, 2.0))
+        target = explorer.choose(0.0, grid, costmap, field)
+        assert target is not None
+        assert target.point[1] == pytest.approx(expected_y, abs=0.25)
+
+
+def test_a_known_goal_is_the_target():
+    grid, costmap, field = view(two_doors())
+    explorer = Explorer()
+    explorer.reset((1.0, 1.0))
+    target = explorer.choose(0.0, grid, costmap, field)
+    assert target is not None
+    assert target.is_goal
+    assert target.point == (1.0, 1.0)
+
+
+def test_hysteresis_keeps_a_choice_that_is_nearly_as_good():
+    grid, costmap, field = view(two_doors())
+    explorer = Explorer()
+    explorer.reset((20.0, 2.0))
+    first = explorer.choose(0.0, grid, costmap, field)
+    # Seen from here both are about equally far on the way to this goal, the upper one a little better.
+    explorer.goal = (5.0, 6.5)
+    second = explorer.choose(10.0, grid, costmap, field)
+    fresh = Explorer()
+    fresh.reset((5.0, 6.5))
+    unbiased = fresh.choose(0.0, grid, costmap, field)
+    assert first is not None
+    assert second is not None
+    assert unbiased is not None
+    assert unbiased.point != first.point
+    assert second.point == first.point
+
+
+def test_a_given_up_target_is_left_out_until_it_expires():
+    grid, costmap, field = view(two_doors())
+    explorer = Explorer()
+    explorer.reset((20.0, 2.0))
+    first = explorer.choose(0.0, grid, costmap, field)
+    assert first is not None
+    explorer.give_up(1.0)
+    second = explorer.choose(2.0, grid, costmap, field)
+    assert second is not None
+    assert second.point[1] > 3.5
+    explorer.target = None
+    third = explorer.choose(1.0 + explorer.config.blacklist_time + 0.1, grid, costmap, field)
+    assert third is not None
+    assert third.point == first.point
+
+
+def test_if_all_are_given_up_they_are_tried_again():
+    grid, costmap, field = view(two_doors())
+    explorer = Explorer()
+    explorer.reset((20.0, 2.0))
+    for k in range(2):
+        assert explorer.choose(float(k), grid, costmap, field)
+        explorer.give_up(float(k))
+    assert explorer.choose(3.0, grid, costmap, field) is not None
+
+
+def test_the_four_triggers():
+    picture = two_doors()
+    grid, costmap, field = view(picture)
+    explorer = Explorer()
+    explorer.reset((20.0, 2.0))
+    assert explorer.trigger(0.0, grid, (3.0, 2.0)) == "there is no target"
+    target = explorer.choose(0.0, grid, costmap, field)
+    assert target is not None
+    assert explorer.trigger(0.1, grid, target.point) is None  # too soon
+    assert explorer.trigger(1.0, grid, (3.0, 2.0)) is None
+    assert explorer.trigger(1.0, grid, target.point) == "the exploration point was reached"
+    explorer._information -= 5000.0
+    assert explorer.trigger(1.0, grid, (3.0, 2.0)) == "the map changed a lot"
+    explorer._information += 5000.0
+    picture[15:25, 59] = "#"
+    seen = as_grid(picture)
+    assert explorer.trigger(1.0, seen, (3.0, 2.0)) == "the exploration point's state changed"
+    explorer.goal = (1.0, 1.0)
+    assert explorer.trigger(1.0, grid, (3.0, 2.0)) == "the goal's state became known"
+
+
+def test_without_frontiers_there_is_no_target():
+    grid, costmap, field = view(hall(60, 40))
+    explorer = Explorer()
+    explorer.reset((20.0, 2.0))
+    assert explorer.choose(0.0, grid, costmap, field) is None

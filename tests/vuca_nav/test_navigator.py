@@ -1,0 +1,114 @@
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from tests.vuca_nav.rooms import LIDAR, disc_body, room, scan_of
+from vuca_nav.errors import BadArgument
+from vuca_nav.geometry import compose, distance
+from vuca_nav.mapping.grid import GridConfig, OccupancyGrid
+from vuca_nav.navigator import Navigator, NavigatorConfig
+from vuca_nav.policy.dwa import DynamicWindow
+from vuca_nav.telemetry import Telemetry
+from vuca_nav.types import LidarSpec, Odometry, Pose2, Twist2
+
+DT = 1.0 / 30.0
+
+# A hall with a blind alley on the straight way to the goal: open towards the start, closed before the goal.
+ALLEY = np.vstack(
+    [
+        room(20.0, 12.0),
+        [[6.0, 3.0, 12.0, 3.2], [6.0, 7.0, 12.0, 7.2], [11.8, 3.0, 12.0, 7.2]],
+    ]
+)
+START, GOAL = Pose2(2.0, 5.1, 0.0), (17.0, 5.1)
+
+
+class Counting(Telemetry):
+    def __init__(self):
+        self.commands = self.paths = self.decisions = 0
+
+    def command(self, command):
+        self.commands += 1
+
+    def path(self, points_in_map):
+        self.paths += 1
+
+    def frontiers(self, view):
+        self.decisions += 1
+
+
+def drive(seed: int, seconds: float = 90.0, telemetry: Telemetry = Telemetry()):
+    """Noisy scans and odometry that drifts; the true poses (n, 3), the navigator, and the least clearance."""
+    body = disc_body()
+    navigator = Navigator(body, LIDAR, DynamicWindow(body, LIDAR), telemetry=telemetry)
+    navigator.reset(START, GOAL)
+    rng = np.random.default_rng(seed)
+    pose, odom, twist = START, Pose2(0.0, 0.0, 0.0), Twist2(0.0, 0.0, 0.0)
+    poses, least = [], np.inf
+    for k in range(round(seconds / DT)):
+        least = min(least, float(scan_of(ALLEY, pose).ranges.min()))
+        command = navigator.step(scan_of(ALLEY, pose, k * DT, rng), Odometry(k * DT, odom, twist))
+        pose = compose(pose, Pose2(command.v_x * DT, 0.0, command.w_z * DT))
+        odom = compose(odom, Pose2(1.03 * command.v_x * DT, 0.0, 1.02 * command.w_z * DT + rng.normal(0.0, 2e-4)))
+        twist = Twist2(*command)
+        poses.append(pose)
+        if distance(pose, GOAL) < 0.2:
+            break
+    return np.array(poses), navigator, least
+
+
+def test_it_finds_its_way_round_a_blind_alley():
+    told = Counting()
+    poses, navigator, least = drive(0, telemetry=told)
+    assert distance(tuple(poses[-1, :2]), GOAL) < 0.2
+    assert least > 0.28
+    assert distance(navigator.map_from_base, tuple(poses[-1, :2])) < 0.1
+    assert told.commands == len(poses)
+    assert told.paths >= len(poses) // 30
+    assert told.decisions >= 1
+
+
+def test_same_input_same_bits():
+    a, _, _ = drive(3, seconds=8.0)
+    b, _, _ = drive(3, seconds=8.0)
+    c, _, _ = drive(4, seconds=8.0)
+    np.testing.assert_array_equal(a, b)
+    assert not np.array_equal(a, c)
+
+
+def test_a_map_known_beforehand_is_used_from_the_first_step():
+    body = disc_body()
+    known = OccupancyGrid(GridConfig())
+    level = np.full((240, 400), -1, np.int8)
+    for x0, y0, x1, y1 in ALLEY:
+        rows = slice(max(round(y0 / 0.05), 0), max(round(y1 / 0.05), 0))
+        level[rows, max(round(x0 / 0.05), 0) : max(round(x1 / 0.05), 0)] = 1
+    known.fill(level, (0.0, 0.0))
+    navigator = Navigator(body, LIDAR, DynamicWindow(body, LIDAR))
+    navigator.reset(START, GOAL, prior_map=known)
+    navigator.step(scan_of(ALLEY, START), Odometry(0.0, Pose2(0.0, 0.0, 0.0), Twist2(0.0, 0.0, 0.0)))
+    assert navigator.explorer.target is not None
+    assert navigator.explorer.target.is_goal
+    path = navigator._path_in_map
+    assert path[-1] == pytest.approx(GOAL)
+    # Round the alley, not through it.
+    beside = path[(path[:, 0] > 8.0) & (path[:, 0] < 11.0)]
+    assert ((beside[:, 1] < 2.7) | (beside[:, 1] > 7.5)).all()
+
+
+def test_rates_must_divide():
+    body = disc_body()
+    with pytest.raises(BadArgument, match="7"):
+        Navigator(body, LIDAR, DynamicWindow(body, LIDAR), NavigatorConfig(planning_rate=7.0))
+    with pytest.raises(BadArgument, match="make them equal"):
+        Navigator(body, LidarSpec(rate=10.0), DynamicWindow(body, LIDAR))
+
+
+def test_the_stack_imports_without_simulator_and_torch():
+    code = (
+        "import sys; [sys.modules.__setitem__(m, None) for m in ('mujoco', 'dm_control', 'torch', 'trimesh', 'worlds',"
+        " 'robots', 'eval')]; import vuca_nav.navigator, vuca_nav.policy.dwa, vuca_nav.telemetry, vuca_nav.cli"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -1,0 +1,134 @@
+import numpy as np
+import pytest
+from scipy.ndimage import distance_transform_edt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+
+from vuca_nav.mapping.grid import GridConfig, OccupancyGrid
+from vuca_nav.planning.costmap import Costmap, CostmapConfig, _chamfer, _coarsen
+from vuca_nav.planning.paths import _DI, _DJ, _LENGTH, UNREACHED, PathField, _dijkstra
+from vuca_nav.planning.waypoints import farthest_free_waypoint
+
+
+def grid_of(rows: list[str]) -> OccupancyGrid:
+    """A picture, top row first, one character a 0.1 m cell: '#' occupied, '.' free, ' ' unknown."""
+    value = {"#": 1, ".": -1, " ": 0}
+    level = np.array([[value[c] for c in row] for row in reversed(rows)], np.int8)
+    grid = OccupancyGrid(GridConfig())
+    grid.fill(np.kron(level, np.ones((2, 2), np.int8)), (0.0, 0.0))
+    return grid
+
+
+def hall(width: int, height: int) -> np.ndarray:
+    picture = np.full((height, width), ".")
+    picture[[0, -1]] = "#"
+    picture[:, [0, -1]] = "#"
+    return picture
+
+
+def as_grid(picture: np.ndarray) -> OccupancyGrid:
+    return grid_of(["".join(row) for row in picture])
+
+
+def test_a_coarse_cell_is_what_its_cells_are():
+    level = np.array([[-1, -1, 0, 0, 1, -1], [0, 0, 0, -1, -1, -1]], np.int8)
+    assert list(_coarsen(level, 2)[0]) == [1, 0, 2]
+
+
+def test_chamfer_is_close_to_the_euclidean_distance():
+    rng = np.random.default_rng(0)
+    state = np.where(rng.random((80, 90)) < 0.01, 2, 1).astype(np.int8)
+    exact = np.asarray(distance_transform_edt(state != 2))
+    approximate = _chamfer(state, 1000) / 5.0
+    assert np.abs(approximate - exact).max() <= 0.08 * exact.max()
+    np.testing.assert_array_equal(approximate == 0, state == 2)
+    assert _chamfer(state, 12).max() == 12
+
+
+def test_dial_agrees_with_a_library_dijkstra():
+    rng = np.random.default_rng(1)
+    weight = rng.integers(4, 17, (25, 31)).astype(np.int16)
+    weight[rng.random(weight.shape) < 0.25] = 0
+    weight[3, 4] = 4
+    cost, came_by = _dijkstra(weight, 3, 4, _DI, _DJ, _LENGTH)
+    rows, columns = weight.shape
+    edges = []
+    for i in range(rows):
+        for j in range(columns):
+            for di, dj, length in zip(_DI, _DJ, _LENGTH):
+                a, b = i + di, j + dj
+                if not (0 <= a < rows and 0 <= b < columns) or weight[a, b] == 0 or weight[i, j] == 0:
+                    continue
+                if di and dj and (weight[i, b] == 0 or weight[a, j] == 0):
+                    continue
+                edges.append((i * columns + j, a * columns + b, length * weight[a, b]))
+    start, end, value = np.array(edges).T
+    graph = coo_array((value.astype(float), (start, end)), shape=(weight.size, weight.size)).tocsr()
+    expected = dijkstra(graph, indices=3 * columns + 4).reshape(rows, columns)
+    np.testing.assert_array_equal(np.where(cost == UNREACHED, np.inf, cost), expected)
+    assert came_by[3, 4] == -1
+
+
+def test_path_goes_round_the_wall_and_keeps_its_distance():
+    picture = hall(60, 40)
+    picture[10:39, 30] = "#"  # a wall from below, open at the top
+    grid = as_grid(picture)
+    costmap = Costmap(grid, 0.3, (1.5, 1.0), CostmapConfig())
+    path = PathField(costmap, (1.5, 1.0)).path_to(4.5, 1.0)
+    assert tuple(path[0]) == (1.5, 1.0)
+    assert tuple(path[-1]) == (4.5, 1.0)
+    at_wall = path[np.abs(path[:, 0] - 3.05) < 0.3]
+    assert at_wall[:, 1].min() > 3.0 + 0.3
+    wall = np.array([3.05, 2.95])
+    assert np.hypot(*(path - wall).T).min() > 0.37
+    lengths = np.hypot(*np.diff(path, axis=0).T)
+    assert lengths.max() < 0.25
+
+
+def test_a_door_narrower_than_the_body_is_closed():
+    for door, passes in ((7, False), (10, True)):
+        picture = hall(60, 40)
+        picture[1:39, 30] = "#"
+        picture[20 : 20 + door, 30] = "."
+        costmap = Costmap(as_grid(picture), 0.3, (1.5, 1.0), CostmapConfig())
+        assert PathField(costmap, (1.5, 1.0)).reaches(4.5, 1.0) is passes
+
+
+def test_unknown_cells_are_not_crossed():
+    picture = hall(60, 40)
+    picture[1:39, 25:35] = " "
+    costmap = Costmap(as_grid(picture), 0.3, (1.5, 1.0), CostmapConfig())
+    assert not PathField(costmap, (1.5, 1.0)).reaches(4.5, 1.0)
+
+
+def test_from_too_near_a_wall_a_path_leads_away_and_none_along():
+    costmap = Costmap(as_grid(hall(60, 40)), 0.3, (0.3, 2.0), CostmapConfig())
+    path = PathField(costmap, (0.3, 2.0)).path_to(0.7, 3.5)
+    assert len(path)
+    inside = path[path[:, 0] < 0.4]
+    assert inside[:, 1].max() < 2.8
+    waypoint = farthest_free_waypoint(costmap, path, (0.3, 2.0))
+    assert waypoint[0] > 0.4
+
+
+def test_the_waypoint_is_the_farthest_in_sight():
+    picture = hall(60, 40)
+    picture[10:39, 30] = "#"
+    costmap = Costmap(as_grid(picture), 0.3, (1.5, 1.0), CostmapConfig())
+    path = PathField(costmap, (1.5, 1.0)).path_to(4.5, 1.0)
+    waypoint = farthest_free_waypoint(costmap, path, (1.5, 1.0))
+    k = int(np.flatnonzero((path == waypoint).all(axis=1))[0])
+    assert 5 < k < len(path) - 5
+    # Straight to it is free; the wall's end hides what comes after.
+    assert waypoint[1] > 2.0
+    open_floor = Costmap(as_grid(hall(60, 40)), 0.3, (1.5, 1.0), CostmapConfig())
+    direct = PathField(open_floor, (1.5, 1.0)).path_to(4.5, 3.0)
+    assert farthest_free_waypoint(open_floor, direct, (1.5, 1.0)) == pytest.approx((4.5, 3.0))
+
+
+def test_outside_the_map_there_is_no_path():
+    costmap = Costmap(as_grid(hall(20, 20)), 0.3, (1.0, 1.0), CostmapConfig())
+    field = PathField(costmap, (1.0, 1.0))
+    assert not field.reaches(50.0, 50.0)
+    assert field.path_to(50.0, 50.0).shape == (0, 2)
+    assert not PathField(costmap, (-50.0, 1.0)).reaches(1.0, 1.0)
