@@ -171,22 +171,20 @@ class Navigator:
         costmap = Costmap(grid, self.body.radius, position, self.config.costmap)
         paths = PathField(costmap, position)
         target = self.explorer.target
-        if reason is not None or target is None:
+        if reason is None and (target is None or not paths.reaches(*target.point)):
+            reason = "no path leads to the target"
+        if reason is not None:
             before = target.point if target is not None else None
             target = self.explorer.choose(now, grid, costmap, paths)
             if target is not None and target.point != before:
                 what = "the goal" if target.is_goal else f"({target.point[0]:.1f}, {target.point[1]:.1f})"
                 telemetry.event(f"{reason}: now heading for {what}")
-        path = paths.path_to(*target.point) if target is not None else np.empty((0, 2))
-        if len(path):
-            self._waypoint = farthest_free_waypoint(costmap, path, position)
-            self._path_in_map = path
-        elif target is None or not len(self._path_in_map):
-            self._path_in_map = path
+        if target is not None:
+            self._path_in_map = paths.path_to(*target.point)
+            self._waypoint = farthest_free_waypoint(costmap, self._path_in_map, position)
         else:
-            # Somebody stands in the way, most likely; keep going by the last path, and let the explorer look around.
-            telemetry.event("no path to the target: keeping the last one", "WARN")
-            self.explorer.target = None if target.is_goal else target
+            # Somebody stands in the way, most likely: the last path is the best guess.
+            telemetry.event("nothing can be reached: keeping the last path", "WARN")
         telemetry.grid(grid)
         telemetry.entropy(grid.entropy)
         telemetry.path(self._path_in_map)

@@ -65,7 +65,7 @@ class LidarSpec:
 
     def angles_in_base(self) -> FloatArray:
         """Beam directions in base_link [rad], shape (num_beams,)."""
-        return -np.pi + np.arange(self.num_beams) * (2.0 * np.pi / self.num_beams)
+        return -np.pi + np.arange(self.num_beams, dtype=np.float64) * (2.0 * np.pi / self.num_beams)
 
 
 @dataclass(frozen=True, slots=True)

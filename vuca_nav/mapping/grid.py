@@ -118,10 +118,12 @@ class OccupancyGrid:
         ]
         if not any(before) and not any(after):
             return
-        pad = ((before[1], after[1]), (before[0], after[0]))
+        self._grow(((before[1], after[1]), (before[0], after[0])))
+        self.origin = (self.origin[0] - before[0] * step, self.origin[1] - before[1] * step)
+
+    def _grow(self, pad: tuple[tuple[int, int], tuple[int, int]]) -> None:
         self.level = np.pad(self.level, pad)
         self._scan_of_last_update = np.pad(self._scan_of_last_update, pad)
-        self.origin = (self.origin[0] - before[0] * step, self.origin[1] - before[1] * step)
 
     def _include(self, x_min: float, y_min: float, x_max: float, y_max: float) -> None:
         known = self.known_box

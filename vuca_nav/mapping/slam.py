@@ -14,6 +14,7 @@ from numba import njit
 from vuca_nav.geometry import between, compose, wrap_angle
 from vuca_nav.mapping.grid import GridConfig, OccupancyGrid
 from vuca_nav.mapping.scan_matching import ScanMatcher, ScanMatcherConfig
+from vuca_nav.mapping.surfaces import SurfaceGrid
 from vuca_nav.types import FloatArray, LidarSpec, Odometry, Pose2, Scan
 
 
@@ -26,9 +27,9 @@ class SlamConfig:
     navigation_grid: GridConfig = field(default_factory=GridConfig)
     matching_grid: GridConfig = field(default_factory=lambda: GridConfig(unit=0.1, hit=6, miss=1, limit=25))
     matcher: ScanMatcherConfig = field(default_factory=ScanMatcherConfig)
-    insert_distance: float = 0.1
+    insert_distance: float = 0.05
     """The matching grid takes a scan after this much motion [m] ..."""
-    insert_angle: float = math.radians(3.0)
+    insert_angle: float = math.radians(1.5)
     """... or this much turning [rad] ..."""
     insert_period: float = 1.0
     """... or this much time [s]."""
@@ -61,6 +62,7 @@ class Slam:
         self._ends_in_base = np.zeros((lidar.num_beams, 2))
         self._ends_in_map = np.zeros((lidar.num_beams, 2))
         self._box = np.zeros(4)
+        self._matcher = ScanMatcher(config.matcher, lidar.num_beams)
         self.reset(Pose2(0.0, 0.0, 0.0))
 
     def reset(self, start: Pose2, prior_map: OccupancyGrid | None = None) -> None:
@@ -71,11 +73,10 @@ class Slam:
             prior_map: A map known beforehand, if there is one.
         """
         self.navigation_grid = OccupancyGrid(self.config.navigation_grid, (start.x, start.y))
-        self.matching_grid = OccupancyGrid(self.config.matching_grid, (start.x, start.y))
+        self.matching_grid = SurfaceGrid(self.config.matching_grid, (start.x, start.y))
         if prior_map is not None:
             self.navigation_grid.fill(prior_map.level, prior_map.origin)
             self.matching_grid.fill(prior_map.level, prior_map.origin)
-        self._matcher = ScanMatcher(self.config.matcher, self.matching_grid)
         self.map_from_base = start
         self._odom_from_base: Pose2 | None = None
         self._num_scans = 0
