@@ -33,9 +33,7 @@ class ShapeArrays:
 def pack_shapes(shapes: Sequence[Shape]) -> ShapeArrays:
     """The same shapes, in the same order, as arrays."""
     n = len(shapes)
-    packed = ShapeArrays(
-        np.zeros(n, np.bool_), np.zeros((n, 2)), np.zeros((n, 2)), np.zeros(n), np.zeros((n, 2))
-    )
+    packed = ShapeArrays(np.zeros(n, np.bool_), np.zeros((n, 2)), np.zeros((n, 2)), np.zeros(n), np.zeros((n, 2)))
     for i, shape in enumerate(shapes):
         packed.centre[i] = shape.x, shape.y
         packed.z[i] = shape.base, shape.base + shape.height

@@ -1,0 +1,131 @@
+"""How near the robot is to anything: exact distance of its footprint to every upright shape, for metrics only."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from vuca_nav.types import FloatArray
+from worlds.arrays import ShapeArrays
+
+
+class FootprintClearance:
+    """Distance of a convex outline to the nearest obstacle or mover.
+
+    Args:
+        static: What stands still, in the world.
+        part_shapes: The movers' parts; their poses come with each call.
+        footprint: Convex outline in base_link, counter-clockwise, (n, 2) [m].
+        height: Of the robot; shapes that begin above it, or end at the floor, do not count [m].
+    """
+
+    def __init__(self, static: ShapeArrays, part_shapes: ShapeArrays, footprint: FloatArray, height: float):
+        columns = [_packed(shapes, height) for shapes in (static, part_shapes)]
+        self._shapes, self._num_static = np.concatenate(columns), len(static)
+        self._footprint = np.ascontiguousarray(footprint, float)
+        self._radius = float(np.hypot(footprint[:, 0], footprint[:, 1]).max())
+        self._moved = np.empty_like(self._footprint)
+
+    def distance(self, x: float, y: float, yaw: float, part_poses: FloatArray) -> float:
+        """From the footprint with base_link at (x, y, yaw) to the nearest surface; 0 inside, ``inf`` if nothing is [m].
+
+        Args:
+            x: [m]
+            y: [m]
+            yaw: [rad]
+            part_poses: x, y, yaw of each part's centre in the world, (num_parts, 3).
+        """
+        return _clearance(
+            self._shapes, self._num_static, part_poses, self._footprint, self._radius, x, y, yaw, self._moved
+        )
+
+
+def _packed(shapes: ShapeArrays, height: float) -> FloatArray:
+    """Rows of x, y, cos, sin, half length, half width, is a cylinder, bounding radius (-1: out of reach)."""
+    radius = np.where(shapes.is_cylinder, shapes.half[:, 0], np.hypot(shapes.half[:, 0], shapes.half[:, 1]))
+    radius = np.where((shapes.z[:, 0] < height) & (shapes.z[:, 1] > 0.0), radius, -1.0)
+    cos, sin = np.cos(shapes.yaw), np.sin(shapes.yaw)
+    return np.column_stack([shapes.centre, cos, sin, shapes.half, shapes.is_cylinder.astype(float), radius])
+
+
+@njit(cache=True)
+def _clearance(shapes, num_static, part_poses, footprint, radius, x, y, yaw, moved):
+    for i in range(len(part_poses)):
+        row = shapes[num_static + i]
+        row[0], row[1] = part_poses[i, 0], part_poses[i, 1]
+        row[2], row[3] = math.cos(part_poses[i, 2]), math.sin(part_poses[i, 2])
+    base_cos, base_sin = math.cos(yaw), math.sin(yaw)
+    nearest = math.inf
+    for i in range(len(shapes)):
+        cx, cy, cos, sin, half_x, half_y, is_cylinder, bound = shapes[i]
+        if bound < 0.0:
+            continue
+        dx, dy = x - cx, y - cy
+        reach = nearest + radius + bound
+        if dx * dx + dy * dy >= reach * reach:
+            continue
+        # base_link's origin in the shape's frame, which is the cheapest lower bound for long walls
+        px, py = cos * dx + sin * dy, cos * dy - sin * dx
+        if is_cylinder != 0.0:
+            # the other way round: the cylinder's centre in base_link
+            qx, qy = -(base_cos * dx + base_sin * dy), -(base_cos * dy - base_sin * dx)
+            gap = _point_to_polygon(qx, qy, footprint) - half_x
+        else:
+            out_x, out_y = max(abs(px) - half_x, 0.0), max(abs(py) - half_y, 0.0)
+            if math.sqrt(out_x * out_x + out_y * out_y) - radius >= nearest:
+                continue
+            turn_cos, turn_sin = cos * base_cos + sin * base_sin, cos * base_sin - sin * base_cos
+            for k in range(len(footprint)):
+                fx, fy = footprint[k, 0], footprint[k, 1]
+                moved[k, 0] = px + turn_cos * fx - turn_sin * fy
+                moved[k, 1] = py + turn_sin * fx + turn_cos * fy
+            gap = _polygon_to_box(moved, half_x, half_y)
+        nearest = min(nearest, max(gap, 0.0))
+    return nearest
+
+
+@njit(cache=True)
+def _point_to_polygon(x, y, polygon):
+    """Distance of a point to a convex counter-clockwise polygon, 0 inside."""
+    inside, nearest = True, math.inf
+    ax, ay = polygon[-1, 0], polygon[-1, 1]
+    for k in range(len(polygon)):
+        bx, by = polygon[k, 0], polygon[k, 1]
+        ex, ey, rx, ry = bx - ax, by - ay, x - ax, y - ay
+        if ex * ry - ey * rx < 0.0:
+            inside = False
+        t = min(max((ex * rx + ey * ry) / (ex * ex + ey * ey), 0.0), 1.0)
+        nearest = min(nearest, math.hypot(rx - t * ex, ry - t * ey))
+        ax, ay = bx, by
+    return 0.0 if inside else nearest
+
+
+@njit(cache=True)
+def _polygon_to_box(polygon, half_x, half_y):
+    """Distance of a convex polygon to the box |x| <= half_x, |y| <= half_y; 0 if they overlap.
+
+    Between disjoint convex shapes the shortest way starts at a corner of one of them; those that overlap have
+    no corner inside only if an edge of the polygon crosses the box.
+    """
+    nearest = math.inf
+    ax, ay = polygon[-1, 0], polygon[-1, 1]
+    for k in range(len(polygon)):
+        bx, by = polygon[k, 0], polygon[k, 1]
+        out_x, out_y = max(abs(bx) - half_x, 0.0), max(abs(by) - half_y, 0.0)
+        nearest = min(nearest, math.hypot(out_x, out_y))
+        if nearest == 0.0 or _segment_meets_box(ax, ay, bx, by, half_x, half_y):
+            return 0.0
+        ax, ay = bx, by
+    for sign_x in (-1.0, 1.0):
+        for sign_y in (-1.0, 1.0):
+            nearest = min(nearest, _point_to_polygon(sign_x * half_x, sign_y * half_y, polygon))
+    return nearest
+
+
+@njit(cache=True)
+def _segment_meets_box(ax, ay, bx, by, half_x, half_y):
+    """Separating axes of a segment and the box: x, y and the segment's normal."""
+    if min(ax, bx) > half_x or max(ax, bx) < -half_x or min(ay, by) > half_y or max(ay, by) < -half_y:
+        return False
+    nx, ny = ay - by, bx - ax
+    return abs(nx * ax + ny * ay) <= abs(nx) * half_x + abs(ny) * half_y

@@ -1,0 +1,33 @@
+"""Small compiled conversions between MuJoCo's arrays and poses, called several times a tick."""
+
+import math
+
+from numba import njit
+
+
+@njit(cache=True)
+def planar_pose(qpos):
+    """x, y, yaw of a free joint's position (7,): x, y, z and a unit quaternion w, x, y, z."""
+    w, x, y, z = qpos[3], qpos[4], qpos[5], qpos[6]
+    return qpos[0], qpos[1], math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+@njit(cache=True)
+def rotation_of(qpos, height, rotation, origin):
+    """Of a free joint's position (7,): the rotation matrix (3, 3), and where a point on its z axis is (3,)."""
+    w, x, y, z = qpos[3], qpos[4], qpos[5], qpos[6]
+    rotation[0, 0], rotation[0, 1], rotation[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
+    rotation[1, 0], rotation[1, 1], rotation[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+    rotation[2, 0], rotation[2, 1], rotation[2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+    for i in range(3):
+        origin[i] = qpos[i] + height * rotation[i, 2]
+
+
+@njit(cache=True)
+def place_mocap(part_poses, positions, quaternions):
+    """Put mocap bodies at x, y, yaw (n, 3); their heights stay."""
+    for i in range(len(part_poses)):
+        positions[i, 0], positions[i, 1] = part_poses[i, 0], part_poses[i, 1]
+        half = 0.5 * part_poses[i, 2]
+        quaternions[i, 0], quaternions[i, 3] = math.cos(half), math.sin(half)
+        quaternions[i, 1] = quaternions[i, 2] = 0.0

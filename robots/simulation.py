@@ -1,0 +1,277 @@
+"""A robot in a world, stepped by MuJoCo: commands in, scans and odometry out, the truth for metrics only."""
+
+# pyright: reportAttributeAccessIssue=false, reportOptionalMemberAccess=false
+# (MuJoCo's compiled bindings and dm_control's generated elements are invisible to a static checker.)
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from robots.body import Body
+from robots.clearance import FootprintClearance
+from robots.contacts import SceneContacts
+from robots.kinematics import place_mocap, planar_pose, rotation_of
+from robots.noise import NoiseConfig
+from robots.sensors import LidarNoise
+from vuca_nav.errors import BadArgument, VucaError
+from vuca_nav.geometry import between
+from vuca_nav.telemetry import SceneShape, Telemetry
+from vuca_nav.types import STOP, Odometry, Pose2, Scan, Twist2, VelocityCommand
+from worlds.arrays import pack_shapes
+from worlds.mjcf import build_arena, obstacle_name, part_name
+from worlds.movers import MoverField
+from worlds.raycast import RayCaster
+from worlds.world import Cylinder, Shape, World
+
+SETTLE_TIME = 0.5
+"""Physics before the start, for the body to sink into its contacts (by micrometres) and come to rest [s]."""
+SAFE_DISTANCE = 0.10
+"""Farther than this, nothing can touch the robot within one control step: it would have to move at 6 m/s [m]."""
+
+
+class SimulationDiverged(VucaError):
+    """The physics produced numbers that are not finite."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rates:
+    """How often things happen; each divides the one before it exactly.
+
+    Raises:
+        BadArgument: If not.
+    """
+
+    physics: int = 300
+    """[Hz]"""
+    control: int = 60
+    """Commands to the actuators, odometry, movers [Hz]."""
+    lidar: int = 30
+    """[Hz]"""
+
+    def __post_init__(self):
+        for fast, slow in (("physics", "control"), ("control", "lidar")):
+            a, b = getattr(self, fast), getattr(self, slow)
+            if b <= 0 or a % b:
+                raise BadArgument(f"rates: {fast} {a} Hz is not a multiple of {slow} {b} Hz")
+
+
+class Simulation:
+    """One robot in one world. A call of ``step`` is one revolution of the lidar, 1/30 s.
+
+    Args:
+        world: The scene with its start.
+        body: The robot. One body may serve several simulations.
+        seed: Of the sensors' noise. The world's own seed decides how things move.
+        noise: Of the sensors.
+        telemetry: Hears about the scene, the robot and the movers.
+        perfect_odometry: Report the true pose instead of dead reckoning.
+        rates: Of physics, control and lidar.
+
+    Attributes:
+        time: Since the start [s].
+        true_pose: Of base_link in the world.
+        contact: Kind ("wall", "cart", ...) of the first thing other than the floor that the robot has touched.
+        contact_name: Which one, e.g. "wall_12".
+        fallen: Whether the body lies or leans past saving.
+        clearance: Of the footprint to the nearest obstacle or mover now, ``inf`` if there is none [m].
+
+    Raises:
+        BadArgument: If the rates do not fit each other or the body's lidar.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        body: Body,
+        seed: np.random.SeedSequence | int,
+        *,
+        noise: NoiseConfig,
+        telemetry: Telemetry | None = None,
+        perfect_odometry: bool = False,
+        rates: Rates | None = None,
+    ):
+        rates = rates or Rates()
+        if rates.lidar != body.lidar.rate:
+            raise BadArgument(f"rates: lidar {rates.lidar} Hz, but {body.spec.name}'s turns at {body.lidar.rate} Hz")
+        self.world, self.body = world, body
+        self._seed = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
+        self._noise, self._telemetry = noise, telemetry or Telemetry()
+        self._perfect_odometry = perfect_odometry
+        self._rates = rates
+        self._control_dt = 1.0 / rates.control
+        self._substeps = rates.physics // rates.control
+        self._controls = rates.control // rates.lidar
+
+        self.model = build_model(world, body, rates.physics)
+        self.data = mujoco.MjData(self.model)
+        base = self.model.body(f"{body.spec.name}/").id
+        start = self.model.jnt_qposadr[self.model.body_jntadr[base]]
+        self._base_qpos = self.data.qpos[start : start + 7]
+        self._base_qvel = self.data.qvel[self.model.jnt_dofadr[self.model.body_jntadr[base]] :][:6]
+        self._mocap_pos, self._mocap_quat = self.data.mocap_pos, self.data.mocap_quat
+        self._bound = body.bind(self.model, self.data, self._control_dt, noise)
+        self._contacts = SceneContacts(self.model, _categories(world))
+
+        self._movers = MoverField(world)
+        static = pack_shapes([obstacle.shape for obstacle in world.obstacles])
+        parts = self._movers.part_shapes
+        self._caster = RayCaster(static, parts, body.lidar)
+        self._proximity = FootprintClearance(static, parts, body.spec.footprint, body.height)
+        self._radius = body.spec.radius
+        self._lidar_noise = LidarNoise(body.lidar, noise, self._rng(0))
+        self._lidar_offset = body.lidar.height - body.base_height
+        self._rotation, self._origin = np.empty((3, 3)), np.empty(3)
+        self._clean = np.empty(body.lidar.num_beams)
+
+        self._visuals = body.visuals()
+        self._visual_bodies = np.array(
+            [self.model.body(f"{body.spec.name}/{visual.body}").id for visual in self._visuals], np.int64
+        )
+        self._part_positions = np.empty((len(self._visuals), 3))
+        self._part_quaternions = np.empty((len(self._visuals), 4))
+        self._ticks = 0
+        self.time, self.true_pose, self._start = 0.0, world.start, world.start
+        self.contact: str | None = None
+        self.contact_name: str | None = None
+        self.fallen, self.clearance = False, math.inf
+
+    def reset(self) -> tuple[Scan, Odometry]:
+        """Put everything back to the start, the noise included, and look around once."""
+        mujoco.mj_resetData(self.model, self.data)
+        self._lidar_noise = LidarNoise(self.body.lidar, self._noise, self._rng(0))
+        self._movers.reset()
+        place_mocap(self._movers.part_poses, self._mocap_pos, self._mocap_quat)
+        self._bound.reset(self.world.start, self._rng(1))
+        self._contacts.watch(False)
+        for _ in range(round(SETTLE_TIME * self._rates.control)):
+            self._bound.apply(STOP)
+            mujoco.mj_step(self.model, self.data, nstep=self._substeps)
+        self._bound.start_odometry()
+        self._ticks, self.time = 0, 0.0
+        self.contact = self.contact_name = None
+        self._start = Pose2(*planar_pose(self._base_qpos))
+
+        telemetry, bounds = self._telemetry, self.world.bounds
+        telemetry.time(0.0)
+        telemetry.scene(scene_shapes(self.world), bounds, self.world.goal)
+        telemetry.robot_model([visual.mesh for visual in self._visuals])
+        telemetry.mover_model(mover_shapes(self.world))
+        return self._observe()
+
+    def step(self, command: VelocityCommand) -> tuple[Scan, Odometry]:
+        """Carry a command out until the next scan.
+
+        Raises:
+            BadArgument: If the command is not finite.
+            SimulationDiverged: If the physics is not.
+        """
+        if not (math.isfinite(command.v_x) and math.isfinite(command.v_y) and math.isfinite(command.w_z)):
+            raise BadArgument(f"command at {self.time:.3f} s is not finite: {command}")
+        for _ in range(self._controls):
+            x, y, yaw = planar_pose(self._base_qpos)
+            self._movers.step(self._control_dt, (x, y, self._radius))
+            place_mocap(self._movers.part_poses, self._mocap_pos, self._mocap_quat)
+            self._bound.apply(command)
+            self._advance_physics(self._proximity.distance(x, y, yaw, self._movers.part_poses))
+            self._bound.update_odometry()
+        self._ticks += 1
+        self.time = self._ticks / self._rates.lidar
+        self._telemetry.time(self.time)
+        return self._observe()
+
+    def _advance_physics(self, clearance: float) -> None:
+        """One control step. Contacts with the scene are looked for where one is possible, at every physics step."""
+        lean = 2.0 * math.hypot(self._base_qpos[4], self._base_qpos[5])  # sine of the tilt, or more
+        if clearance > SAFE_DISTANCE + lean * self.body.height:
+            self._contacts.watch(False)
+            mujoco.mj_step(self.model, self.data, nstep=self._substeps)
+            return
+        self._contacts.watch(True)
+        for _ in range(self._substeps):
+            mujoco.mj_step(self.model, self.data)
+            if self.contact is None and (touched := self._contacts.first(self.data)) is not None:
+                self.contact_name, self.contact = touched
+
+    def _observe(self) -> tuple[Scan, Odometry]:
+        x, y, yaw = planar_pose(self._base_qpos)
+        if not math.isfinite(x + y + yaw + self._base_qvel.sum()):
+            raise SimulationDiverged(
+                f"the physics diverged by {self.time:.3f} s, after {self.true_pose}: "
+                f"seed {self._seed.entropy}, world {self.world.name!r} seed {self.world.seed}"
+            )
+        self.true_pose = Pose2(x, y, yaw)
+        self.fallen = self._bound.has_fallen()
+        poses = self._movers.part_poses
+        self.clearance = self._proximity.distance(x, y, yaw, poses)
+        rotation_of(self._base_qpos, self._lidar_offset, self._rotation, self._origin)
+        self._caster.cast(self._origin, self._rotation, poses, self._clean)
+        scan = Scan(self.time, self._lidar_noise.corrupt(self._clean))
+
+        self._telemetry.true_pose(self.true_pose)
+        np.take(self.data.xpos, self._visual_bodies, axis=0, out=self._part_positions)
+        np.take(self.data.xquat, self._visual_bodies, axis=0, out=self._part_quaternions)
+        self._telemetry.robot_parts(self._part_positions, self._part_quaternions)
+        self._telemetry.movers(poses)
+        return scan, self._true_odometry() if self._perfect_odometry else self._bound.odometry(self.time)
+
+    def _true_odometry(self) -> Odometry:
+        v_x, v_y, _, _, _, w_z = self._base_qvel.tolist()  # linear in the world, angular in the body
+        c, s = math.cos(self.true_pose.yaw), math.sin(self.true_pose.yaw)
+        twist = Twist2(c * v_x + s * v_y, c * v_y - s * v_x, w_z)
+        return Odometry(self.time, between(self._start, self.true_pose), twist)
+
+    def _rng(self, stream: int) -> np.random.Generator:
+        """A stream of its own for each use, the same after every reset."""
+        seed = self._seed
+        key = (*seed.spawn_key, stream)
+        return np.random.default_rng(np.random.SeedSequence(seed.entropy, spawn_key=key))
+
+
+def build_model(world: World, body: Body, physics_rate: float) -> mujoco.MjModel:
+    """The robot, free to move, in the scene, compiled. The integrator is the body's choice."""
+    arena = build_arena(world)
+    arena.attach(body.mjcf()).add("freejoint")
+    option = arena.option
+    option.timestep = 1.0 / physics_rate
+    option.cone = "pyramidal"
+    option.iterations, option.ls_iterations = 10, 10  # converges in 1-2; more only costs when something is wrong
+    option.flag.autoreset = "disable"  # a diverged episode must end, not silently start over
+    return mujoco.MjModel.from_xml_string(arena.to_xml_string())
+
+
+def scene_shapes(world: World) -> list[SceneShape]:
+    """What stands still, for telemetry."""
+    return [
+        _scene_shape(obstacle_name(i, obstacle.kind), obstacle.shape, obstacle.kind)
+        for i, obstacle in enumerate(world.obstacles)
+    ]
+
+
+def mover_shapes(world: World) -> list[SceneShape]:
+    """The movers' parts in their movers' frames, for telemetry."""
+    return [
+        _scene_shape(part_name(m, p, mover.kind), part.shape, mover.kind)
+        for m, mover in enumerate(world.movers)
+        for p, part in enumerate(mover.parts)
+    ]
+
+
+def _scene_shape(name: str, shape: Shape, category: str) -> SceneShape:
+    z = shape.base + shape.height / 2.0
+    if isinstance(shape, Cylinder):
+        half, yaw, kind = (shape.radius, shape.radius, shape.height / 2.0), 0.0, "cylinder"
+    else:
+        half, yaw, kind = (shape.length / 2.0, shape.width / 2.0, shape.height / 2.0), shape.yaw, "box"
+    return SceneShape(name, kind, half, (shape.x, shape.y, z), yaw, category)
+
+
+def _categories(world: World) -> dict[str, str]:
+    """Kind of every geom of the scene but the floor."""
+    kinds: Sequence[tuple[str, str]] = [
+        *((obstacle_name(i, o.kind), o.kind) for i, o in enumerate(world.obstacles)),
+        *((part_name(m, p, v.kind), v.kind) for m, v in enumerate(world.movers) for p in range(len(v.parts))),
+    ]
+    return dict(kinds)

@@ -1,0 +1,18 @@
+import pytest
+
+from robots.noise import NoiseConfig
+from robots.simulation import Simulation
+from robots.tiago import Tiago
+from tests.robots.halls import hall
+
+
+@pytest.fixture(scope="session")
+def tiago() -> Tiago:
+    return Tiago()
+
+
+@pytest.fixture
+def simulation(tiago) -> Simulation:
+    simulation = Simulation(hall(), tiago, 0, noise=NoiseConfig.none())
+    simulation.reset()
+    return simulation
