@@ -1,0 +1,136 @@
+"""Shortest ways and space-time reachability against answers known beforehand."""
+
+import math
+
+import pytest
+
+from vuca_nav.errors import BadWorld
+from vuca_nav.types import Pose2
+from worlds import make_world
+from worlds.fairness import fairness
+from worlds.reachability import occupancy, reachable, shortest_path, shortest_path_length
+from worlds.world import Box, Cylinder, Mover, MoverPart, Obstacle, Patrol, World
+
+
+def hall(*obstacles, movers=(), start=(2.1, 5.1), goal=(18.1, 5.1)):
+    """20 x 10 m, walled in by its bounds."""
+    return World("hall", 0, (0.0, 0.0, 20.0, 10.0), obstacles, movers, Pose2(start[0], start[1], 0.0), goal)
+
+
+def wall_with_gap(x, gap_from, gap_to):
+    low = Obstacle("wall", Box(x, gap_from / 2, 0.2, gap_from, 0.0, 2.0))
+    high = Obstacle("wall", Box(x, (gap_to + 10.0) / 2, 0.2, 10.0 - gap_to, 0.0, 2.0))
+    return low, high
+
+
+def plug(*waypoints, speed=1.0, radius=0.6):
+    part = MoverPart(Cylinder(0.0, 0.0, radius, 1.0))
+    return Mover("cylinder", (part,), radius, Pose2(waypoints[0][0], waypoints[0][1], 0.0), Patrol(speed, waypoints))
+
+
+def test_occupancy_of_a_box():
+    world = hall(Obstacle("block", Box(10.0, 5.0, 2.0, 1.0, 0.0, 1.0)))
+    for inflation, area in ((0.0, 2.0), (0.5, 2.0 + 3.0 + math.pi / 4)):
+        grid = occupancy(world, 0.05, inflation)
+        inner = grid.blocked[40:160, 40:360]  # without the inflated bounds
+        assert inner.sum() * 0.05**2 == pytest.approx(area, rel=0.03)
+        assert grid.blocked[grid.cell(10.9, 5.4)]
+    assert not grid.blocked[grid.cell(10.0, 6.1)]
+
+
+def test_shortest_path_in_an_empty_hall_is_the_straight_line_at_any_angle():
+    for goal in ((18.1, 5.1), (17.3, 9.1), (9.4, 9.3), (4.4, 9.3)):
+        world = hall(goal=goal)
+        assert shortest_path_length(world, 0.3) == pytest.approx(math.dist((2.1, 5.1), goal), rel=1e-3)
+        assert len(shortest_path(world, 0.3)) == 2
+
+
+def test_shortest_path_round_a_thin_wall():
+    """A disc of radius r goes round the wall's end on an arc of radius r: two tangents and the arc."""
+    r = 0.5
+    world = hall(Obstacle("wall", Box(10.1, 3.0, 0.001, 6.0, 0.0, 2.0)), start=(6.1, 3.1), goal=(14.1, 3.1))
+    # In the triangle of start, wall end and disc centre: the tangent's length, and what the arc leaves of the turn.
+    away, half_turn = math.hypot(4.0, 2.9), math.atan2(4.0, 2.9)
+    expected = 2 * math.sqrt(away**2 - r**2) + r * (2 * math.pi - 2 * half_turn - 2 * math.acos(r / away))
+    assert shortest_path_length(world, r) == pytest.approx(expected, rel=0.01)
+
+
+def test_no_shortest_path_through_a_gap_that_is_too_narrow():
+    world = hall(*wall_with_gap(10.0, 4.6, 5.4))
+    assert shortest_path_length(world, 0.3) < 17.0
+    assert shortest_path_length(world, 0.5) == math.inf
+
+
+@pytest.mark.parametrize("v_max", [0.5, 1.0])
+def test_an_empty_hall_takes_distance_over_speed(v_max):
+    result = reachable(hall(), 0.27, v_max, 100.0)
+    assert result.reached
+    assert result.time == pytest.approx(16.0 / v_max, abs=0.3 / v_max)
+    diagonal = reachable(hall(goal=(6.1, 9.1)), 0.27, v_max, 100.0)
+    assert diagonal.time == pytest.approx(4.0 * math.sqrt(2.0) / v_max, abs=0.4 / v_max)
+
+
+def test_never_faster_than_v_max():
+    for goal in ((18.1, 5.1), (15.7, 8.3), (4.3, 8.9)):
+        assert reachable(hall(goal=goal), 0.27, 1.0, 100.0).time >= math.dist((2.1, 5.1), goal) - 1e-6
+
+
+def test_the_horizon_counts():
+    assert reachable(hall(), 0.27, 1.0, 16.5).reached
+    result = reachable(hall(), 0.27, 1.0, 15.5)
+    assert not result.reached
+    assert result.time == math.inf
+
+
+def test_a_closed_wall():
+    world = hall(Obstacle("wall", Box(10.0, 5.0, 0.2, 10.0, 0.0, 2.0)))
+    assert not reachable(world, 0.27, 1.0, 60.0).reached
+
+
+def test_a_mover_that_plugs_the_only_gap_for_ever():
+    gap = wall_with_gap(10.0, 4.3, 5.9)
+    assert reachable(hall(*gap), 0.27, 1.0, 100.0).time == pytest.approx(16.0, abs=0.4)
+    stuck = hall(*gap, movers=(plug((10.0, 5.1), speed=0.0),))
+    assert not reachable(stuck, 0.27, 1.0, 100.0).reached
+
+
+def test_a_mover_that_leaves_the_gap():
+    """It goes 4 m to the right at 0.1 m/s; the disc waits at the gap, then follows it and overtakes in the open."""
+    gap = wall_with_gap(10.0, 4.3, 5.9)
+    leaving = hall(*gap, movers=(plug((10.0, 5.1), (14.0, 5.1), speed=0.1),))
+    result = reachable(leaving, 0.27, 1.0, 100.0)
+    # Passable once the mover is a diameter and more away: reach 0.27 + 0.6 m, so after about 8 s, then 8 m to go.
+    assert 17.0 < result.time < 32.0
+
+
+def test_a_fast_mover_in_a_corridor_cannot_be_jumped_over():
+    """A piston fills the corridor and sweeps all of it faster than the disc runs: no way past, no refuge."""
+    walls = (
+        Obstacle("block", Box(10.0, 2.05, 12.0, 4.1, 0.0, 2.0)),
+        Obstacle("block", Box(10.0, 8.05, 12.0, 3.9, 0.0, 2.0)),
+    )
+    piston = plug((15.0, 5.1), (5.0, 5.1), speed=4.0, radius=0.8)
+    assert reachable(hall(*walls), 0.27, 1.0, 60.0).reached
+    assert not reachable(hall(*walls, movers=(piston,)), 0.27, 1.0, 60.0).reached
+
+
+def test_a_start_without_room_is_an_error():
+    with pytest.raises(BadWorld, match="start: no room for a disc"):
+        reachable(hall(start=(0.3, 5.0)), 0.27, 1.0, 10.0)
+
+
+def test_factory_and_square_are_fair():
+    """A sample; all 100 seeds of every region are the slow test below."""
+    assert fairness("factory", range(5), region=4).unsolved == ()
+    square = fairness("square", range(10))
+    assert square.unsolved == ()
+    straight = [math.dist(w.start[:2], w.goal) for w in (make_world("square", seed) for seed in range(10))]
+    assert sum(square.times) < 1.2 * sum(straight)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("world", "region"), [("factory", 1), ("factory", 2), ("factory", 3), ("factory", 4), ("square", None)]
+)
+def test_at_least_99_of_100_seeds_can_be_solved(world, region):
+    assert len(fairness(world, range(100), region=region).unsolved) <= 1

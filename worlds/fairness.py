@@ -1,0 +1,91 @@
+"""How many seeds of a world can be solved at all: ``python -m worlds.fairness factory --region 4 --seeds 100``."""
+
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import tyro
+from tqdm import tqdm
+
+from worlds.reachability import reachable, shortest_path_length
+from worlds.registry import make_world
+
+
+@dataclass(frozen=True, slots=True)
+class Fairness:
+    """Of the seeds that were asked, which can be solved and how fast."""
+
+    unsolved: tuple[int, ...]
+    """Seeds whose goal cannot be reached before the time limit."""
+    times: tuple[float, ...]
+    """Earliest arrivals at the others [s]."""
+    lengths: tuple[float, ...]
+    """Shortest static paths of all seeds [m]."""
+
+    @property
+    def share(self) -> float:
+        """Of solvable seeds, 0 to 1."""
+        return len(self.times) / (len(self.times) + len(self.unsolved))
+
+
+def fairness(
+    world: str,
+    seeds: Iterable[int],
+    *,
+    region: int | None = None,
+    movers: int | None = None,
+    radius: float = 0.27,
+    v_max: float = 1.0,
+    resolution: float = 0.2,
+) -> Fairness:
+    """Space-time reachability over seeds, within an episode's time limit of 4 x shortest path / v_max + 60 s.
+
+    Args:
+        world: Name of a world.
+        seeds: Of the worlds.
+        region: Of the factory.
+        movers: How many, for the worlds that take it.
+        radius: Of the disc; TIAGo's base has 0.27 m [m].
+        v_max: TIAGo's is 1.0 m/s [m/s].
+        resolution: Of the grid in space [m].
+    """
+    unsolved, times, lengths = [], [], []
+    for seed in seeds:
+        scene = make_world(world, seed, region=region, movers=movers)
+        length = shortest_path_length(scene, radius)
+        result = reachable(scene, radius, v_max, 4.0 * length / v_max + 60.0, resolution)
+        lengths.append(length)
+        if result.reached:
+            times.append(result.time)
+        else:
+            unsolved.append(seed)
+    return Fairness(tuple(unsolved), tuple(times), tuple(lengths))
+
+
+def main(
+    world: tyro.conf.Positional[str],
+    seeds: int = 100,
+    region: int | None = None,
+    movers: int | None = None,
+    resolution: float = 0.2,
+) -> None:
+    """Print the share of seeds that a disc which knows all futures can solve.
+
+    Args:
+        world: Name of a world.
+        seeds: How many, from 0.
+        region: Of the factory.
+        movers: How many, for the worlds that take it.
+        resolution: Of the grid in space [m].
+    """
+    progress = tqdm(range(seeds), file=sys.stderr)
+    result = fairness(world, progress, region=region, movers=movers, resolution=resolution)
+    print(
+        f"{world}: {len(result.times)} of {seeds} seeds can be solved; arrival at 1 m/s after "
+        f"{sum(result.times) / max(len(result.times), 1):.1f} s on average over shortest paths of "
+        f"{sum(result.lengths) / seeds:.1f} m; unsolved: {list(result.unsolved)}"
+    )
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
