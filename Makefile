@@ -1,0 +1,79 @@
+# make demo    one factory mission with a recording; installs what it needs into .venv
+# make test    lint, format, types, layers and the fast tests; installs what it needs into .venv
+# make help    all targets
+
+VENV ?= .venv
+BIN := $(VENV)/bin
+RUNS ?= runs
+WORKERS ?= 2
+
+# The first Python that is new enough; override with `make PYTHON=/path/to/python3.12 ...`.
+PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
+	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && command -v $$p && break; done)
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test test-slow lint format types layers bench lock clean
+
+help: ## this list
+	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+
+# -- installation: one lock file, used as constraints, so the demo does without the developer's tools ----------
+
+$(BIN)/python:
+	@test -n "$(PYTHON)" || { echo "make: needs Python 3.11 or newer on PATH, or make PYTHON=/path/to/python3.11" >&2; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { echo "make: $(PYTHON) has no venv module; on Debian and Ubuntu: apt install python3-venv" >&2; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.installed-sim: requirements.lock pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[sim]'
+	@touch $@
+
+$(VENV)/.installed-dev: requirements.lock pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[dev]'
+	@touch $@ $(VENV)/.installed-sim
+
+lock: ## pin the newest versions that fit pyproject.toml, resolved in a clean environment
+	@test -n "$(PYTHON)" || { echo "make: needs Python 3.11 or newer on PATH" >&2; exit 1; }
+	@set -e; tmp=$$(mktemp -d); trap 'rm -rf "$$tmp"' EXIT; \
+	$(PYTHON) -m venv "$$tmp/venv"; \
+	"$$tmp/venv/bin/python" -m pip install --quiet --disable-pip-version-check -e '.[dev]'; \
+	{ echo '# Exact versions of everything in vuca-nav[dev] (which includes [sim]); made by `make lock`.'; \
+	  "$$tmp/venv/bin/python" -m pip freeze --exclude-editable | grep -v '^#' | LC_ALL=C sort -f; } > "$$tmp/lock"; \
+	cp "$$tmp/lock" requirements.lock; echo "requirements.lock: $$(grep -c == requirements.lock) packages"
+
+# -- what a user wants ------------------------------------------------------------------------------------------
+
+demo: $(VENV)/.installed-sim ## one factory mission, recorded
+	@mkdir -p $(RUNS)
+	@echo "TIAGo in factory region 4, 40 moving obstacles. The first run compiles the kernels, about a minute."
+	$(BIN)/vuca run --world factory --region 4 --robot tiago --seed 0 --record $(RUNS)/demo.rrd
+	@echo "The recording is $(RUNS)/demo.rrd. Open it with: $(BIN)/rerun $(RUNS)/demo.rrd"
+
+bench: $(VENV)/.installed-sim ## ratios against named references
+	$(BIN)/vuca bench
+
+# -- what a developer wants -------------------------------------------------------------------------------------
+
+test: lint types layers ## everything CI checks
+	$(BIN)/pytest -n $(WORKERS)
+
+test-slow: $(VENV)/.installed-dev ## the tests that take minutes
+	$(BIN)/pytest -n $(WORKERS) -m slow
+
+lint: $(VENV)/.installed-dev ## style and format, nothing is changed
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+
+types: $(VENV)/.installed-dev ## static types
+	$(BIN)/pyright --pythonpath $(BIN)/python
+
+layers: $(VENV)/.installed-dev ## one direction of imports
+	$(BIN)/lint-imports
+
+format: $(VENV)/.installed-dev ## put the code into the project's style
+	$(BIN)/ruff check --fix
+	$(BIN)/ruff format
+
+clean: ## caches; not .venv, not runs/
+	rm -rf build dist .pytest_cache .ruff_cache .hypothesis .import_linter_cache *.egg-info
+	find eval robots tests vuca_nav worlds -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,218 @@
+"""The commands of this package: arguments in, an exit code out. What is heavy is imported when needed."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+
+from vuca_nav.cli import parse
+from vuca_nav.errors import BadArgument
+
+if TYPE_CHECKING:
+    from vuca_nav.telemetry_rerun import RerunTelemetry
+
+
+@dataclass(frozen=True)
+class RunArguments:
+    """Run one episode: a robot, a world it has no map of, a goal."""
+
+    world: str = "factory"
+    """A world's name (see vuca list worlds), or a scene file ending in .yaml."""
+    region: Annotated[int | None, tyro.conf.arg(metavar="K")] = None
+    """How many quarters of the factory, 1 to 4."""
+    robot: str = "tiago"
+    """A robot's name (see vuca list robots)."""
+    method: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
+    """A method's name (see vuca list methods); by default the best there is."""
+    seed: int = 0
+    """Of the world, its moving obstacles, the sensors' noise and the method."""
+    without: str = ""
+    """Difficulties left out: V moving obstacles, U the map unknown, C corridors, A noise of the sensors."""
+    movers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    """How many moving obstacles, in the worlds that let one choose."""
+    start: Annotated[tuple[float, float, float] | None, tyro.conf.arg(metavar="X Y YAW")] = None
+    """Start here instead [m, m, rad]."""
+    goal: Annotated[tuple[float, float] | None, tyro.conf.arg(metavar="X Y")] = None
+    """Go there instead [m]."""
+    record: Annotated[Path | None, tyro.conf.arg(metavar="FILE.rrd")] = None
+    """Record the run for the Rerun viewer."""
+    spawn: bool = False
+    """Show the run in a Rerun viewer as it happens."""
+    serve: bool = False
+    """Show the run in a browser as it happens."""
+    json: bool = False
+    """End with one JSON object on stdout."""
+
+
+@dataclass(frozen=True)
+class ListArguments:
+    """List the worlds, robots, methods or suites there are."""
+
+    what: tyro.conf.Positional[Literal["worlds", "robots", "methods", "suites"]]
+    """What to list."""
+    json: bool = False
+    """As one JSON object."""
+
+
+@dataclass(frozen=True)
+class EvalArguments:
+    """Run a suite of episodes on all cores; run it again, and it goes on where it was."""
+
+    suite: tyro.conf.Positional[str]
+    """A suite's name (see vuca list suites)."""
+    out: Path
+    """Directory of the results."""
+    episodes: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    """Only the first N episodes."""
+    seeds: Annotated[str | None, tyro.conf.arg(metavar="A:B")] = None
+    """The seeds A to B - 1 instead of the suite's own."""
+    workers: Annotated[int | None, tyro.conf.arg(metavar="W")] = None
+    """Number of processes; by default one for each core."""
+    method: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
+    """A method's name; by default the best there is."""
+    robot: str = "tiago"
+    """A robot's name."""
+    json: bool = False
+    """End with one JSON object on stdout, the summary."""
+
+
+@dataclass(frozen=True)
+class BenchArguments:
+    """Measure speed: ratios against named references, real-time factor, time of each stage."""
+
+    json: bool = False
+    """End with one JSON object on stdout."""
+
+
+def run(argv: list[str]) -> int:
+    """Run one episode: a robot, a world it has no map of, a goal."""
+    arguments = parse(RunArguments, "run", argv)
+    if sum((arguments.record is not None, arguments.spawn, arguments.serve)) > 1:
+        raise BadArgument("--record, --spawn and --serve exclude each other; give one of them")
+    from eval.episode import Episode, EpisodeConfig
+    from eval.methods import BEST
+    from eval.progress import ProgressLine, result_table
+
+    config = EpisodeConfig(
+        world=arguments.world,
+        region=arguments.region,
+        robot=arguments.robot,
+        method=arguments.method or BEST,
+        seed=arguments.seed,
+        without=arguments.without,
+        movers=arguments.movers,
+        start=arguments.start,
+        goal=arguments.goal,
+    )
+    episode = Episode(config)
+    telemetry = _open_telemetry(arguments, f"{config.world}, {config.robot}, {config.method}, seed {config.seed}")
+    try:
+        with ProgressLine(sys.stderr) as progress:
+            result = episode.run(telemetry, progress)
+        row = result.row()
+        print(result_table(row))
+        _print_json(row, arguments.json)
+        if telemetry is not None:
+            telemetry.wait()
+    finally:
+        if telemetry is not None:
+            telemetry.close()
+    return 0
+
+
+def list_(argv: list[str]) -> int:
+    """List the worlds, robots, methods or suites there are."""
+    arguments = parse(ListArguments, "list", argv)
+    names = _names(arguments.what)
+    width = max(map(len, names))
+    for name, description in names.items():
+        print(f"{name:{width}}  {description}")
+    _print_json(names, arguments.json)
+    return 0
+
+
+def eval_(argv: list[str]) -> int:
+    """Run a suite of episodes on all cores; run it again, and it goes on where it was."""
+    arguments = parse(EvalArguments, "eval", argv)
+    if arguments.workers is not None and arguments.workers < 1:
+        raise BadArgument(f"--workers must be 1 or more, got {arguments.workers}")
+    from eval.evaluate import evaluate
+    from eval.methods import BEST
+    from eval.suites import episodes_of, find_suite, parse_seeds
+    from eval.summary import table
+
+    suite = find_suite(arguments.suite)
+    seeds = suite.seeds if arguments.seeds is None else parse_seeds(arguments.seeds)
+    method = arguments.method or BEST
+    configs = episodes_of(suite, robot=arguments.robot, method=method, seeds=seeds, limit=arguments.episodes)
+    identity = {
+        "suite": arguments.suite,
+        "robot": arguments.robot,
+        "method": method,
+        "seeds": [seeds.start, seeds.stop],
+        "episodes": len(configs),
+        "tasks": [asdict(task) for task in suite.tasks],
+    }
+    workers = arguments.workers or len(os.sched_getaffinity(0))
+    evaluation = evaluate(identity, configs, arguments.out, workers=workers)
+    print(table(evaluation.groups))
+    print(f"rows and summary: {arguments.out}", file=sys.stderr)
+    for crash in evaluation.crashes:
+        print(f"vuca eval: crashed: {crash.error} in {crash.config}", file=sys.stderr)
+    _print_json(json.loads((arguments.out / "summary.json").read_text()), arguments.json)
+    return 1 if evaluation.crashes else 0
+
+
+def bench(argv: list[str]) -> int:
+    """Measure speed: ratios against named references, real-time factor, time of each stage."""
+    arguments = parse(BenchArguments, "bench", argv)
+    from eval.bench import run_benchmarks
+
+    results = run_benchmarks(sys.stderr)
+    for result in results:
+        print(f"{result['name']:28} {result['value']:10.3f} {result['unit']:6}  {result['meaning']}")
+    _print_json({result["name"]: result for result in results}, arguments.json)
+    return 0
+
+
+def _open_telemetry(arguments: RunArguments, title: str) -> RerunTelemetry | None:
+    if not (arguments.record or arguments.spawn or arguments.serve):
+        return None
+    from vuca_nav.telemetry_rerun import RerunTelemetry
+
+    if arguments.record is not None:
+        return RerunTelemetry.record(arguments.record, title=title)
+    return RerunTelemetry.spawn(title=title) if arguments.spawn else RerunTelemetry.serve(title=title)
+
+
+def _names(what: str) -> dict[str, str]:
+    if what == "worlds":
+        from worlds.registry import WORLDS
+
+        return {name: str(kind) for name, kind in WORLDS.items()}
+    if what == "robots":
+        from robots.registry import ROBOTS
+
+        return {name: _first_line(maker) for name, maker in ROBOTS.items()}
+    if what == "methods":
+        from eval.methods import METHODS
+
+        return {name: method.description for name, method in METHODS.items()}
+    from eval.suites import SUITES
+
+    return {name: suite.description for name, suite in SUITES.items()}
+
+
+def _first_line(described: Any) -> str:
+    return described if isinstance(described, str) else (described.__doc__ or "").strip().partition("\n")[0]
+
+
+def _print_json(content: dict[str, Any], wanted: bool) -> None:
+    if wanted:
+        print(json.dumps(content, allow_nan=False), flush=True)

@@ -1,0 +1,236 @@
+"""One episode: a world, a robot, a method and a seed give one result."""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from eval.methods import BEST, StackRequest, find_method
+from eval.metrics import Metrics, MetricsRecorder
+from eval.prior_map import rasterise
+from robots.noise import NoiseConfig
+from robots.registry import make_body
+from robots.simulation import Simulation
+from vuca_nav.errors import BadArgument
+from vuca_nav.geometry import distance
+from vuca_nav.navigator import Navigator
+from vuca_nav.telemetry import Telemetry
+from vuca_nav.types import Pose2
+from worlds.checks import check_task
+from worlds.reachability import shortest_path_length
+from worlds.registry import make_world
+from worlds.world import World
+
+GOAL_TOLERANCE = 0.3
+"""How near the true position must come to the goal [m]."""
+TIMEOUT_FACTOR = 4.0
+"""Of the time that the shortest way takes at full speed."""
+TIMEOUT_SLACK = 60.0
+"""[s]"""
+DIFFICULTIES = "VUCA"
+
+Outcome = Literal["success", "collision", "fall", "timeout"]
+OUTCOMES: tuple[Outcome, ...] = ("success", "collision", "fall", "timeout")
+Progress = Callable[[float, float], None]
+"""Called with the simulated time [s] and the true distance to the goal [m] after every step."""
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeConfig:
+    """Everything an episode depends on."""
+
+    world: str = "factory"
+    """A world's name, or a scene file ending in .yaml."""
+    region: int | None = None
+    """Of the factory."""
+    robot: str = "tiago"
+    method: str = BEST
+    seed: int = 0
+    """Of the world's layout, of its movers, of the sensors' noise and of the method."""
+    without: str = ""
+    """Difficulties left out: V moving obstacles, U the map unknown, C corridors, A noise of the sensors."""
+    movers: int | None = None
+    """How many moving obstacles, where the world lets one choose."""
+    start: tuple[float, float, float] | None = None
+    """Instead of the world's own: x [m], y [m], yaw [rad]."""
+    goal: tuple[float, float] | None = None
+    """Instead of the world's own [m]."""
+
+    def __post_init__(self) -> None:
+        """Raises BadArgument for a negative seed or an unknown difficulty."""
+        if self.seed < 0:
+            raise BadArgument(f"the seed must be 0 or more, got {self.seed}")
+        unknown = [letter for letter in self.without if letter not in DIFFICULTIES]
+        if unknown:
+            raise BadArgument(
+                f"--without {self.without}: unknown difficulty {unknown[0]!r}; there are V (volatile: things move), "
+                "U (uncertain: no map), C (complex: corridors) and A (ambiguous: noise)"
+            )
+        ordered = "".join(letter for letter in DIFFICULTIES if letter in self.without)
+        object.__setattr__(self, "without", ordered)
+
+    def row(self) -> dict[str, Any]:
+        """As JSON holds it: tuples are lists."""
+        return {key: list(v) if isinstance(v, tuple) else v for key, v in asdict(self).items()}
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeResult:
+    """What came of an episode."""
+
+    config: EpisodeConfig
+    outcome: Outcome
+    arriving_time: float | None
+    """Simulated time at which the goal was reached; None if it was not [s]."""
+    duration: float
+    """Simulated time at which the episode ended [s]."""
+    shortest_path: float
+    """Length of the shortest way for the body's footprint, moving obstacles left out [m]."""
+    collided_with: str | None
+    """Kind of what the robot touched, "wall" or "cart" for example."""
+    metrics: Metrics
+    real_time_factor: float
+    """Simulated time over the loop's wall time, the whole loop in one process: physics, sensors and stack."""
+    wall_time: float
+    """Of the loop [s]."""
+    set_up_time: float
+    """Wall time of building the world, the body and the stack [s]."""
+
+    def row(self) -> dict[str, Any]:
+        """One flat JSON object; a number that is not finite is None."""
+        own = asdict(self)
+        metrics = own.pop("metrics")
+        own.pop("config")
+        flat = {**self.config.row(), **own, **metrics}
+        return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in flat.items()}
+
+
+class Episode:
+    """A task and a body that has to do it, checked and ready to run.
+
+    Args:
+        config: What to build.
+
+    Raises:
+        VucaError: A name is unknown, an argument is out of range, or start or goal cannot be used.
+    """
+
+    def __init__(self, config: EpisodeConfig):
+        began = time.perf_counter()
+        self.config = config
+        self.method = find_method(config.method)
+        self.body = make_body(config.robot)
+        self.world = _make_task(config, self.body.spec.radius)
+        self.shortest_path = shortest_path_length(self.world, self.body.spec.radius)
+        self.timeout = TIMEOUT_FACTOR * self.shortest_path / self.body.spec.max_v_x + TIMEOUT_SLACK
+        self._set_up_time = time.perf_counter() - began
+
+    def build(self, telemetry: Telemetry) -> tuple[Simulation, Navigator]:
+        """The two sides of the loop: what is true, and what has to find its way."""
+        sensors_seed, method_seed = np.random.SeedSequence(self.config.seed).spawn(2)
+        ambiguous = "A" not in self.config.without
+        simulation = Simulation(
+            self.world,
+            self.body,
+            sensors_seed,
+            noise=NoiseConfig() if ambiguous else NoiseConfig.none(),
+            telemetry=telemetry,
+            perfect_odometry=not ambiguous,
+        )
+        localisation = "slam" if ambiguous else "odometry"
+        request = StackRequest(self.body.spec, self.body.lidar, localisation, telemetry, method_seed)
+        return simulation, self.method.build(request)
+
+    def run(self, telemetry: Telemetry | None = None, progress: Progress | None = None) -> EpisodeResult:
+        """Drive until success, collision, fall or timeout.
+
+        Args:
+            telemetry: Listens to the simulation and to the stack.
+            progress: Called after every step.
+        """
+        began = time.perf_counter()
+        telemetry = telemetry or Telemetry()
+        goal = self.world.goal
+        simulation, navigator = self.build(telemetry)
+        scan, odometry = simulation.reset()
+        given = "U" in self.config.without
+        prior_map = rasterise(self.world) if given else None
+        start = simulation.true_pose  # where the body has come to rest, micrometres from the world's start
+        navigator.reset(start, goal, prior_map)
+        recorder = MetricsRecorder(start, goal, self.shortest_path)
+        set_up_time = self._set_up_time + time.perf_counter() - began
+
+        began = time.perf_counter()
+        outcome: Outcome | None = None
+        while outcome is None:
+            command = navigator.step(scan, odometry)
+            recorder.add(
+                scan,
+                odometry.odom_from_base,
+                simulation.true_pose,
+                navigator.map_from_base,
+                simulation.clearance,
+            )
+            scan, odometry = simulation.step(command)
+            to_goal = distance(simulation.true_pose, goal)
+            outcome = self._judge(simulation, to_goal)
+            if progress is not None:
+                progress(simulation.time, to_goal)
+        wall_time = time.perf_counter() - began
+
+        success = outcome == "success"
+        touched = f" with {simulation.contact_name}" if simulation.contact_name else ""
+        telemetry.event(f"{outcome}{touched}", "INFO" if success else "ERROR")
+        return EpisodeResult(
+            config=self.config,
+            outcome=outcome,
+            arriving_time=simulation.time if success else None,
+            duration=simulation.time,
+            shortest_path=self.shortest_path,
+            collided_with=simulation.contact,
+            metrics=recorder.finish(simulation.true_pose, simulation.clearance, success),
+            real_time_factor=simulation.time / wall_time,
+            wall_time=wall_time,
+            set_up_time=set_up_time,
+        )
+
+    def _judge(self, simulation: Simulation, to_goal: float) -> Outcome | None:
+        """How the episode ended, None while it goes on. Touching something in the last step still counts."""
+        if simulation.contact is not None:
+            return "collision"
+        if simulation.fallen:
+            return "fall"
+        if to_goal <= GOAL_TOLERANCE:
+            return "success"
+        return "timeout" if simulation.time >= self.timeout else None
+
+
+def run_episode(config: EpisodeConfig, telemetry: Telemetry | None = None) -> EpisodeResult:
+    """Build and run one episode.
+
+    Raises:
+        VucaError: The configuration cannot be used.
+    """
+    return Episode(config).run(telemetry)
+
+
+def _make_task(config: EpisodeConfig, radius: float) -> World:
+    """The world with its start and goal, both checked."""
+    world = make_world(
+        config.world,
+        config.seed,
+        region=config.region,
+        movers=config.movers,
+        without=config.without,
+        footprint_radius=radius,
+    )
+    if config.start is not None:
+        world = replace(world, start=Pose2(*config.start))
+    if config.goal is not None:
+        world = replace(world, goal=config.goal)
+    if config.start is not None or config.goal is not None:
+        check_task(world, radius)
+    return world

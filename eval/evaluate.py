@@ -1,0 +1,72 @@
+"""Run a suite into a directory; run again, it goes on where it was."""
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from tqdm import tqdm
+
+from eval.episode import EpisodeConfig
+from eval.runner import Crash, RunEpisode, key_of, run_episodes, run_one, versions
+from eval.store import ResultStore, Row
+from eval.summary import summarise
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """What came of an evaluation."""
+
+    rows: tuple[Row, ...]
+    """In the order of the episodes asked for."""
+    groups: list[Row]
+    """The summary."""
+    crashes: tuple[Crash, ...]
+    """Episodes that could not be run."""
+
+
+def evaluate(
+    identity: Row, configs: Sequence[EpisodeConfig], out: Path, *, workers: int, job: RunEpisode = run_one
+) -> Evaluation:
+    """Run those episodes that ``out`` does not hold yet, then summarise all of them.
+
+    Args:
+        identity: What the evaluation is, for its ``config.json``; another one may not go on with it.
+        configs: Its episodes.
+        out: The directory of the results.
+        workers: Number of processes.
+        job: Runs one episode in a worker.
+
+    Raises:
+        BadArgument: The directory cannot be used for this evaluation.
+    """
+    asked = [config.row() for config in configs]
+    made_by = versions()
+    crashes: list[Crash] = []
+    with ResultStore(out, identity, made_by) as store:
+        if store.made_by != made_by:
+            print(f"note: {out} was begun by {store.made_by}, this is {made_by}", file=sys.stderr)
+        done = {key_of(row) for row in store.rows}
+        todo = [config for config in configs if key_of(config.row()) not in done]
+        if done:
+            print(f"{len(done)} of {len(configs)} episodes are there already", file=sys.stderr)
+        with tqdm(total=len(configs), initial=len(done), unit="episode", file=sys.stderr) as bar:
+            for result in run_episodes(todo, workers, job) if todo else ():
+                if isinstance(result, Crash):
+                    crashes.append(result)
+                    bar.write(f"crashed: {result.config}\n{result.trace}", file=sys.stderr)
+                else:
+                    store.append(result)
+                bar.set_postfix_str(_outcomes(store.rows), refresh=False)
+                bar.update()
+        place = {key_of(row): i for i, row in enumerate(asked)}
+        rows = sorted(store.rows, key=lambda row: place[key_of(row)])
+        groups = summarise(rows)
+        failures = [{"config": crash.config, "error": crash.error} for crash in crashes]
+        store.finish(rows, {**identity, "made_by": made_by, "groups": groups, "crashed": failures})
+    return Evaluation(tuple(rows), groups, tuple(crashes))
+
+
+def _outcomes(rows: Sequence[Row]) -> str:
+    arrived = sum(row["outcome"] == "success" for row in rows)
+    return f"{arrived}/{len(rows)} arrived"

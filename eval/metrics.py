@@ -1,0 +1,135 @@
+"""What is measured of an episode, tick by tick, from what is true. Nothing here is shown to the stack."""
+
+import math
+from dataclasses import dataclass
+
+from vuca_nav.geometry import compose, distance
+from vuca_nav.types import Pose2, Scan
+
+RISK_RANGE = 0.6
+"""Nearer than this is a risk [m]: the paper, R_o in Table I and S_risk in Section V."""
+RISK_CLAMP = 0.1
+"""Least range that the risk score is computed with [m].
+
+As printed the score is max(0.6 - m, 0) / (0.6 - max(0.6 - m, 0)), which is (0.6 - m) / m below 0.6 m and has
+a pole at m = 0. The lidar's own least range bounds it: no step scores more than (0.6 - 0.1) / 0.1 = 5.
+"""
+
+TIMING_FIELDS = ("real_time_factor", "wall_time", "set_up_time")
+"""The fields of a result that tell about the computer: all others are the same bits for the same seed."""
+
+
+def risk_score(scan: Scan) -> float:
+    """S_risk of one step: 0 from 0.6 m on, 1 at 0.3 m, 5 at 0.1 m and nearer."""
+    nearest = max(float(scan.ranges.min()), RISK_CLAMP)
+    return max(RISK_RANGE - nearest, 0.0) / min(nearest, RISK_RANGE)
+
+
+def success_weighted_path_length(success: bool, shortest: float, path_length: float) -> float:
+    """SPL of one episode (Anderson et al. 2018, "On Evaluation of Embodied Navigation Agents").
+
+    Args:
+        success: Whether the goal was reached.
+        shortest: Length of the shortest way from start to goal [m].
+        path_length: Length of the way taken [m].
+    """
+    longest = max(shortest, path_length)
+    return (shortest / longest if longest > 0.0 else 1.0) if success else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Metrics:
+    """Measurements of one episode."""
+
+    steps: int
+    """Control steps, 30 a second."""
+    path_length: float
+    """Of the true path [m]."""
+    spl: float
+    """1 for the shortest way, 0 for a failure."""
+    arsps: float
+    """Average risk score per step; less is better."""
+    ansps: float
+    """Average navigation score per step: the share of the straight-line distance covered, over the steps."""
+    min_clearance: float
+    """Least true distance of the body to anything but the floor [m]."""
+    slam_ate: float
+    """Root mean square of the online estimate's position error over the episode [m]. Nothing is aligned: the
+    start pose is given."""
+    slam_final_error: float
+    """Position error of the last online estimate [m]."""
+    odometry_ate: float
+    """The same of dead reckoning: odometry alone, from the same start [m]."""
+    odometry_final_error: float
+    """[m]"""
+
+
+class MetricsRecorder:
+    """Accumulates the metrics of one episode in constant memory.
+
+    Args:
+        start: True pose at the start; the stack is told the same.
+        goal: [m]
+        shortest: Length of the shortest way [m].
+    """
+
+    def __init__(self, start: Pose2, goal: tuple[float, float], shortest: float):
+        self._start = start
+        self._goal = goal
+        self._shortest = shortest
+        self._last = start
+        self._steps = 0
+        self._path_length = 0.0
+        self._risk = 0.0
+        self._min_clearance = math.inf
+        self._slam_squares = self._odometry_squares = 0.0
+        self._slam_error = self._odometry_error = 0.0
+
+    def add(self, scan: Scan, odom_from_base: Pose2, true_pose: Pose2, estimate: Pose2, clearance: float) -> None:
+        """One step, after it was made.
+
+        Args:
+            scan: What the robot saw when it decided on this step.
+            odom_from_base: Odometry at that moment, the identity at the start.
+            true_pose: Where the robot truly was at that moment.
+            estimate: Where the stack believed to be, from that scan and that odometry.
+            clearance: True distance to anything but the floor at that moment [m].
+        """
+        self._steps += 1
+        self._risk += risk_score(scan)
+        self._path_length += distance(self._last, true_pose)
+        self._last = true_pose
+        self._min_clearance = min(self._min_clearance, clearance)
+        self._slam_error = distance(estimate, true_pose)
+        self._odometry_error = distance(compose(self._start, odom_from_base), true_pose)
+        self._slam_squares += self._slam_error**2
+        self._odometry_squares += self._odometry_error**2
+
+    def finish(self, end: Pose2, clearance: float, success: bool) -> Metrics:
+        """The episode's metrics.
+
+        Args:
+            end: True pose after the last step.
+            clearance: At that moment [m].
+            success: Whether the goal was reached.
+
+        Raises:
+            ValueError: There was no step.
+        """
+        if self._steps == 0:
+            raise ValueError("an episode without steps has no metrics")
+        n = self._steps
+        path_length = self._path_length + distance(self._last, end)
+        at_start, at_end = distance(self._start, self._goal), distance(end, self._goal)
+        return Metrics(
+            steps=n,
+            path_length=path_length,
+            spl=success_weighted_path_length(success, self._shortest, path_length),
+            arsps=self._risk / n,
+            ansps=(at_start - at_end) / (at_start * n) if at_start > 0.0 else 0.0,
+            min_clearance=min(self._min_clearance, clearance),
+            slam_ate=math.sqrt(self._slam_squares / n),
+            slam_final_error=self._slam_error,
+            odometry_ate=math.sqrt(self._odometry_squares / n),
+            odometry_final_error=self._odometry_error,
+        )

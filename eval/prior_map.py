@@ -1,0 +1,23 @@
+"""The map that ``--without U`` gives to the stack: the world's standing obstacles as an occupancy grid."""
+
+import numpy as np
+
+from vuca_nav.mapping.grid import GridConfig, OccupancyGrid
+from worlds.clearance import clearance_field
+from worlds.world import World
+
+
+def rasterise(world: World) -> OccupancyGrid:
+    """Occupied cells wherever an obstacle stands within half a cell of the centre, free cells elsewhere.
+
+    The map's frame is the world's, since the stack is told its true start. Outside the bounds all is unknown.
+
+    Args:
+        world: Its moving obstacles are left out.
+    """
+    x_min, y_min, x_max, y_max = world.bounds
+    grid = OccupancyGrid(GridConfig(), (0.5 * (x_min + x_max), 0.5 * (y_min + y_max)))
+    clearance = clearance_field(world.obstacles, world.bounds, grid.resolution, cap=grid.resolution)
+    occupied = clearance.distance <= 0.5 * grid.resolution
+    grid.fill(np.where(occupied, 1, -1).astype(np.int8), clearance.origin)
+    return grid

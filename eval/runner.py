@@ -1,0 +1,130 @@
+"""Many episodes in many processes: a worker a core, a single thread a worker, rows kept as they come."""
+
+import importlib.metadata
+import multiprocessing
+import multiprocessing.connection
+import os
+import signal
+import subprocess
+import threading
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from eval.episode import EpisodeConfig, run_episode
+from eval.store import Row
+
+THREAD_VARIABLES = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "NUMEXPR_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+)
+"""Read by the numerical libraries when first imported, which is why workers are spawned, not forked."""
+
+
+@dataclass(frozen=True, slots=True)
+class Crash:
+    """An episode that raised an exception instead of ending."""
+
+    config: Row
+    error: str
+    trace: str
+
+
+RunEpisode = Callable[[EpisodeConfig], Row]
+
+
+def run_one(config: EpisodeConfig) -> Row:
+    """One episode as a row; the default job of a worker."""
+    return run_episode(config).row()
+
+
+def key_of(row: Row) -> str:
+    """What makes a row this episode's and no other's: its configuration."""
+    return repr([row.get(field.name) for field in fields(EpisodeConfig)])
+
+
+def run_episodes(configs: Sequence[EpisodeConfig], workers: int, job: RunEpisode = run_one) -> Iterator[Row | Crash]:
+    """Rows in the order in which the episodes end.
+
+    Args:
+        configs: What to run.
+        workers: Number of processes; one is a process of its own as well, so that it gives the same rows.
+        job: What a worker does with a configuration; must be importable.
+    """
+    with (
+        _single_threaded_children(),
+        ProcessPoolExecutor(
+            max(1, min(workers, len(configs))),
+            mp_context=multiprocessing.get_context("spawn"),
+            initializer=_start_worker,
+        ) as pool,
+    ):
+        waiting = {pool.submit(_guarded, job, config): config for config in configs}
+        try:
+            for future in as_completed(waiting):
+                config = waiting.pop(future)
+                try:
+                    yield future.result()
+                except BrokenProcessPool as error:
+                    yield Crash(config.row(), "a worker process died; run again to go on", str(error))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _guarded(job: RunEpisode, config: EpisodeConfig) -> Row | Crash:
+    """The job, an exception turned into a value: some exceptions do not survive the way back."""
+    try:
+        return job(config)
+    except Exception as error:
+        return Crash(config.row(), f"{type(error).__name__}: {error}", traceback.format_exc())
+
+
+def _start_worker() -> None:
+    """An interrupt ends a worker without a trace, and no worker outlives a parent that was killed."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_die_with, args=(parent.sentinel,), daemon=True).start()
+
+
+def _die_with(parent: Any) -> None:
+    multiprocessing.connection.wait([parent])
+    os._exit(1)
+
+
+@contextmanager
+def _single_threaded_children() -> Iterator[None]:
+    before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def versions() -> Row:
+    """What made a result: our version and commit, and the libraries that decide on its bits."""
+    made_by: Row = {
+        name: importlib.metadata.version(name) for name in ("vuca-nav", "mujoco", "numpy", "numba", "scipy")
+    }
+    described = subprocess.run(
+        ["git", "describe", "--always", "--dirty", "--abbrev=12"],
+        cwd=Path(__file__).parent,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return {**made_by, "commit": described.stdout.strip() or None}

@@ -1,0 +1,42 @@
+"""Statistics of repeated episodes."""
+
+import math
+from collections.abc import Iterable
+
+Z_95 = 1.959963984540054
+"""The normal distribution's 97.5% quantile."""
+
+
+def wilson_interval(successes: int, trials: int, z: float = Z_95) -> tuple[float, float]:
+    """Wilson's score interval of a proportion (Wilson 1927, as in Brown, Cai and DasGupta 2001, eq. 4).
+
+    Unlike the normal approximation it stays inside [0, 1] and has a width at 0 and at n successes.
+
+    Args:
+        successes: How often it happened.
+        trials: Out of how many.
+        z: Quantile of the normal distribution; the default gives 95%.
+
+    Returns:
+        Lower and upper end; (0, 1) if there were no trials.
+
+    Raises:
+        ValueError: ``successes`` is not in [0, trials].
+    """
+    if not 0 <= successes <= trials:
+        raise ValueError(f"successes must be in [0, {trials}], got {successes}")
+    if trials == 0:
+        return 0.0, 1.0
+    p = successes / trials
+    scale = 1.0 / (1.0 + z * z / trials)
+    middle = scale * (p + z * z / (2.0 * trials))
+    half = scale * z * math.sqrt(p * (1.0 - p) / trials + z * z / (4.0 * trials * trials))
+    low = 0.0 if successes == 0 else max(0.0, middle - half)
+    high = 1.0 if successes == trials else min(1.0, middle + half)
+    return low, high
+
+
+def mean(values: Iterable[float | None]) -> float | None:
+    """Arithmetic mean of those that exist, None if there are none; exactly summed, whatever their order."""
+    known = [value for value in values if value is not None]
+    return math.fsum(known) / len(known) if known else None

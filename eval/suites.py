@@ -1,0 +1,107 @@
+"""Named sets of episodes."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from eval.episode import EpisodeConfig
+from eval.methods import BEST, find_method
+from robots.registry import ROBOTS
+from vuca_nav.errors import BadArgument, UnknownName
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """One place of a suite, before it has a robot, a method and a seed."""
+
+    world: str
+    region: int | None = None
+    without: str = ""
+    movers: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Suite:
+    """Tasks, each to be run with every seed."""
+
+    description: str
+    tasks: tuple[Task, ...]
+    seeds: range
+    """Unless others are asked for."""
+
+
+REGIONS = (1, 2, 3, 4)
+
+SUITES: dict[str, Suite] = {
+    "factory": Suite(
+        "the factory's regions 1 to 4, all difficulties, 25 seeds each",
+        tuple(Task("factory", region) for region in REGIONS),
+        range(25),
+    ),
+    "factory-still": Suite(
+        "the same without moving obstacles",
+        tuple(Task("factory", region, without="V") for region in REGIONS),
+        range(25),
+    ),
+    "square": Suite("the open plaza with 24 moving obstacles, 50 seeds", (Task("square"),), range(50)),
+    "smoke": Suite(
+        "factory region 1 and the square, with and without moving obstacles, 2 seeds each",
+        (Task("factory", 1), Task("factory", 1, "V"), Task("square"), Task("square", without="V")),
+        range(2),
+    ),
+}
+
+
+def find_suite(name: str) -> Suite:
+    """The suite of that name.
+
+    Raises:
+        UnknownName: There is none.
+    """
+    if name not in SUITES:
+        raise UnknownName("suite", name, SUITES)
+    return SUITES[name]
+
+
+def parse_seeds(text: str) -> range:
+    """``"A:B"`` as the seeds A to B - 1, like a slice.
+
+    Raises:
+        BadArgument: The text is not of that form, or names no seed.
+    """
+    first, colon, end = text.partition(":")
+    if not (colon and first.isdecimal() and end.isdecimal() and int(first) < int(end)):
+        raise BadArgument(f"--seeds must be A:B with 0 <= A < B, as in 0:25 for the seeds 0 to 24, got {text!r}")
+    return range(int(first), int(end))
+
+
+def episodes_of(
+    suite: Suite,
+    *,
+    robot: str = "tiago",
+    method: str = BEST,
+    seeds: Iterable[int] | None = None,
+    limit: int | None = None,
+) -> tuple[EpisodeConfig, ...]:
+    """All episodes of a suite, the first seed of every task before the second.
+
+    Args:
+        suite: What to run.
+        robot: A robot's name.
+        method: A method's name.
+        seeds: Instead of the suite's own.
+        limit: Only the first so many episodes.
+
+    Raises:
+        VucaError: There is no such robot or method, or the limit is not positive.
+    """
+    if robot not in ROBOTS:
+        raise UnknownName("robot", robot, ROBOTS)
+    find_method(method)
+    if limit is not None and limit < 1:
+        raise BadArgument(f"--episodes must be 1 or more, got {limit}")
+    every = tuple(
+        EpisodeConfig(task.world, task.region, robot, method, seed, task.without, task.movers)
+        for seed in (suite.seeds if seeds is None else seeds)
+        for task in suite.tasks
+    )
+    return every[:limit]

@@ -1,0 +1,78 @@
+"""From rows to a summary: rates with 95% intervals and means, a group for each thing compared."""
+
+from collections.abc import Sequence
+
+from eval.episode import OUTCOMES
+from eval.statistics import mean, wilson_interval
+from eval.store import Row
+
+GROUP_BY = ("world", "region", "without", "movers", "robot", "method")
+MEANS = (
+    "arriving_time",
+    "spl",
+    "arsps",
+    "ansps",
+    "min_clearance",
+    "slam_ate",
+    "slam_final_error",
+    "odometry_ate",
+    "odometry_final_error",
+    "real_time_factor",
+)
+"""Averaged over a group's episodes; ``arriving_time`` over those that arrived."""
+
+_COLUMNS = (
+    ("time s", "arriving_time", 1),
+    ("SPL", "spl", 3),
+    ("ARSPS", "arsps", 4),
+    ("ANSPS", "ansps", 6),
+    ("SLAM ATE", "slam_ate", 3),
+    ("final", "slam_final_error", 3),
+    ("odom ATE", "odometry_ate", 3),
+    ("final", "odometry_final_error", 3),
+    ("RTF", "real_time_factor", 1),
+)
+
+
+def summarise(rows: Sequence[Row]) -> list[Row]:
+    """A summary for each group, the groups in order; the rows' order does not matter."""
+    groups: dict[tuple, list[Row]] = {}
+    for row in rows:
+        groups.setdefault(tuple(row[key] for key in GROUP_BY), []).append(row)
+    ordered = sorted(groups.items(), key=lambda item: [(part is None, str(part)) for part in item[0]])
+    return [{**dict(zip(GROUP_BY, key)), **_statistics(members)} for key, members in ordered]
+
+
+def _statistics(rows: Sequence[Row]) -> Row:
+    n = len(rows)
+    counts = {outcome: sum(row["outcome"] == outcome for row in rows) for outcome in OUTCOMES}
+    rates = {
+        outcome: {"count": k, "rate": k / n, "interval": list(wilson_interval(k, n))} for outcome, k in counts.items()
+    }
+    return {"n": n, **rates, **{name: mean(row[name] for row in rows) for name in MEANS}}
+
+
+def table(groups: Sequence[Row]) -> str:
+    """The summary for a terminal: counts with 95% Wilson intervals, means, lengths in metres."""
+    header = ["episodes", "n", *OUTCOMES, *(title for title, _, _ in _COLUMNS)]
+    lines = [header]
+    for group in groups:
+        means = ("-" if group[name] is None else f"{group[name]:.{digits}f}" for _, name, digits in _COLUMNS)
+        lines.append([_title(group), str(group["n"]), *(_rate(group[o]) for o in OUTCOMES), *means])
+    widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
+    return "\n".join(
+        "  ".join(cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(line, widths)))
+        for line in lines
+    )
+
+
+def _rate(outcome: Row) -> str:
+    low, high = outcome["interval"]
+    return f"{outcome['count']} [{100 * low:.0f}-{100 * high:.0f}%]"
+
+
+def _title(group: Row) -> str:
+    region = "" if group["region"] is None else f" {group['region']}"
+    movers = "" if group["movers"] is None else f" movers={group['movers']}"
+    without = f" without {group['without']}" if group["without"] else ""
+    return f"{group['world']}{region}{movers}{without}, {group['robot']}, {group['method']}"

@@ -1,0 +1,124 @@
+import json
+
+import pytest
+
+from eval.evaluate import evaluate
+from eval.runner import Crash, run_episodes
+from eval.suites import SUITES, episodes_of, find_suite, parse_seeds
+from eval.summary import summarise, table
+from tests.eval import jobs
+from vuca_nav.errors import BadArgument, UnknownName
+
+CONFIGS = episodes_of(SUITES["smoke"], seeds=range(3))
+IDENTITY = {"suite": "smoke", "seeds": [0, 3]}
+
+
+def files_of(directory):
+    return {name: (directory / name).read_bytes() for name in ("episodes.jsonl", "summary.json")}
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(tmp_path_factory):
+    out = tmp_path_factory.mktemp("uninterrupted")
+    evaluate(IDENTITY, CONFIGS, out, workers=1, job=jobs.episode_by_hash)
+    return files_of(out)
+
+
+def test_every_episode_has_its_row_in_order(uninterrupted):
+    rows = [json.loads(line) for line in uninterrupted["episodes.jsonl"].splitlines()]
+    assert [{**config.row()} for config in CONFIGS] == [{key: row[key] for key in CONFIGS[0].row()} for row in rows]
+
+
+def test_two_workers_give_the_same_files(uninterrupted, tmp_path):
+    evaluate(IDENTITY, CONFIGS, tmp_path, workers=2, job=jobs.episode_by_hash)
+    assert files_of(tmp_path) == uninterrupted
+
+
+def test_resumed_after_a_kill_gives_the_same_files(uninterrupted, tmp_path):
+    evaluate(IDENTITY, CONFIGS, tmp_path, workers=1, job=jobs.episode_by_hash)
+    whole = (tmp_path / "episodes.jsonl").read_bytes()
+    lines = whole.splitlines(keepends=True)
+    # Killed in the middle of a row, and before the summary, with two rows that came in another order.
+    (tmp_path / "episodes.jsonl").write_bytes(lines[3] + lines[1] + lines[7][:20])
+    (tmp_path / "summary.json").unlink()
+    evaluate(IDENTITY, CONFIGS, tmp_path, workers=1, job=jobs.episode_by_hash)
+    assert files_of(tmp_path) == uninterrupted
+
+
+def test_nothing_is_run_twice(tmp_path):
+    evaluate(IDENTITY, CONFIGS, tmp_path, workers=1, job=jobs.episode_by_hash)
+    evaluation = evaluate(IDENTITY, CONFIGS, tmp_path, workers=1, job=jobs.episode_that_kills_its_worker)
+    assert not evaluation.crashes
+    assert len(evaluation.rows) == len(CONFIGS)
+
+
+def test_a_crash_is_reported_with_its_configuration_and_the_others_go_on(tmp_path, capfd):
+    evaluation = evaluate(IDENTITY, CONFIGS, tmp_path, workers=1, job=jobs.episode_that_fails_on_seed_1)
+    assert {crash.config["seed"] for crash in evaluation.crashes} == {1}
+    assert len(evaluation.crashes) == 4
+    assert len(evaluation.rows) == len(CONFIGS) - 4
+    assert "ZeroDivisionError: seed 1 divides by zero" in capfd.readouterr().err
+    crashed = json.loads((tmp_path / "summary.json").read_text())["crashed"]
+    assert crashed[0]["error"] == "ZeroDivisionError: seed 1 divides by zero"
+    # The next run tries again what crashed, and only that.
+    assert not evaluate(IDENTITY, CONFIGS, tmp_path, workers=1, job=jobs.episode_by_hash).crashes
+
+
+def test_a_dead_worker_is_a_crash_not_a_hang():
+    results = list(run_episodes(CONFIGS[:2], 1, jobs.episode_that_kills_its_worker))
+    assert [type(result) for result in results] == [Crash, Crash]
+    assert "worker process died" in results[0].error  # type: ignore[union-attr]
+
+
+def test_a_worker_has_a_single_thread():
+    (row,) = run_episodes(CONFIGS[:1], 1, jobs.threads_of_a_worker)
+    assert isinstance(row, dict)
+    assert set(row["threads"]) == {"1"}
+
+
+def test_summary_by_hand():
+    base = jobs.episode_by_hash(CONFIGS[0])
+    rows = [
+        {**base, "outcome": "success", "arriving_time": 10.0, "spl": 1.0},
+        {**base, "outcome": "success", "arriving_time": 20.0, "spl": 0.5},
+        {**base, "outcome": "timeout", "arriving_time": None, "spl": 0.0},
+        {**base, "without": "V", "outcome": "fall", "arriving_time": None},
+    ]
+    moving, still = summarise(rows)
+    assert summarise(rows[::-1]) == [moving, still]
+    assert (moving["n"], still["n"]) == (3, 1)
+    assert moving["success"]["count"] == 2
+    assert moving["success"]["interval"] == pytest.approx([0.2077, 0.9385], abs=5e-5)
+    assert moving["arriving_time"] == 15.0
+    assert moving["spl"] == 0.5
+    assert still["fall"]["rate"] == 1.0
+    assert still["arriving_time"] is None
+    header, first, _ = table([moving, still]).splitlines()
+    assert "collision" in header
+    assert "2 [21-94%]" in first
+
+
+def test_suites_have_the_promised_episodes():
+    factory = episodes_of(SUITES["factory"])
+    assert len(factory) == 100
+    assert {(config.region, config.seed) for config in factory} == {
+        (region, seed) for region in (1, 2, 3, 4) for seed in range(25)
+    }
+    still = episodes_of(SUITES["factory-still"], limit=7)
+    assert len(still) == 7
+    assert {config.without for config in still} == {"V"}
+    with pytest.raises(UnknownName, match="did you mean 'factory'"):
+        find_suite("factori")
+    with pytest.raises(UnknownName, match="unknown method"):
+        episodes_of(SUITES["smoke"], method="mind-reading")
+    with pytest.raises(UnknownName, match="unknown robot"):
+        episodes_of(SUITES["smoke"], robot="gp2")
+    with pytest.raises(BadArgument, match="--episodes"):
+        episodes_of(SUITES["smoke"], limit=0)
+
+
+def test_seeds():
+    assert parse_seeds("3:7") == range(3, 7)
+    for junk in ("junk", "3", "3:", ":7", "7:3", "3:3", "-1:3", "0:2:1"):
+        with pytest.raises(BadArgument, match="A:B"):
+            parse_seeds(junk)

@@ -1,0 +1,55 @@
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eval.statistics import mean, wilson_interval
+
+
+@pytest.mark.parametrize(
+    ("successes", "trials", "low", "high"),
+    [
+        (8, 10, 0.4902, 0.9433),
+        (0, 10, 0.0, 0.2775),
+        (10, 10, 0.7225, 1.0),
+        (95, 100, 0.8882, 0.9785),
+        (1, 29, 0.0061, 0.1718),  # Newcombe 1998, Table I, method 3
+        (81, 263, 0.2553, 0.3662),  # the same
+    ],
+)
+def test_published_intervals(successes, trials, low, high):
+    assert wilson_interval(successes, trials) == pytest.approx((low, high), abs=5e-5)
+
+
+@given(st.integers(1, 500).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
+def test_interval_holds_the_proportion_and_is_symmetric(case):
+    successes, trials = case
+    low, high = wilson_interval(successes, trials)
+    assert 0.0 <= low <= successes / trials <= high <= 1.0
+    assert high - low > 0.0
+    mirrored = wilson_interval(trials - successes, trials)
+    assert (1.0 - mirrored[1], 1.0 - mirrored[0]) == pytest.approx((low, high), abs=1e-12)
+
+
+def test_no_trials_say_nothing():
+    assert wilson_interval(0, 0) == (0.0, 1.0)
+
+
+@pytest.mark.parametrize(("successes", "trials"), [(3, 2), (-1, 2)])
+def test_impossible_counts_are_refused(successes, trials):
+    with pytest.raises(ValueError, match="successes must be in"):
+        wilson_interval(successes, trials)
+
+
+def test_mean_leaves_out_what_is_missing():
+    assert mean([1.0, None, 3.0]) == 2.0
+    assert mean([None]) is None
+
+
+@given(st.lists(st.floats(-1e6, 1e6), min_size=1), st.randoms(use_true_random=False))
+def test_mean_does_not_depend_on_the_order(values, random):
+    shuffled = list(values)
+    random.shuffle(shuffled)
+    assert mean(shuffled) == mean(values)
+    assert math.isfinite(mean(values) or 0.0)

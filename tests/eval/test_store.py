@@ -1,0 +1,83 @@
+import json
+
+import pytest
+
+from eval.store import ResultStore
+from vuca_nav.errors import BadArgument
+
+CONFIG = {"suite": "smoke", "seeds": [0, 2]}
+VERSIONS = {"vuca-nav": "0.1.0"}
+
+
+def rows_of(path):
+    return [json.loads(line) for line in path.read_text().splitlines()]
+
+
+def test_rows_are_on_disk_as_soon_as_they_are_appended(tmp_path):
+    with ResultStore(tmp_path / "new" / "dir", CONFIG, VERSIONS) as store:
+        store.append({"seed": 0})
+        assert rows_of(tmp_path / "new" / "dir" / "episodes.jsonl") == [{"seed": 0}]
+
+
+def test_a_torn_last_line_is_dropped_and_the_next_row_is_whole(tmp_path):
+    with ResultStore(tmp_path, CONFIG, VERSIONS) as store:
+        store.append({"seed": 0})
+        store.append({"seed": 1})
+    path = tmp_path / "episodes.jsonl"
+    path.write_bytes(path.read_bytes()[:-4])
+    with ResultStore(tmp_path, CONFIG, VERSIONS) as store:
+        assert store.rows == [{"seed": 0}]
+        store.append({"seed": 1})
+    assert rows_of(path) == [{"seed": 0}, {"seed": 1}]
+
+
+def test_a_broken_line_in_the_middle_is_named(tmp_path):
+    with ResultStore(tmp_path, CONFIG, VERSIONS) as store:
+        store.append({"seed": 0})
+    path = tmp_path / "episodes.jsonl"
+    path.write_text('{"seed": 0}\n{"seed"\n{"seed": 2}\n')
+    with pytest.raises(BadArgument, match=r"episodes\.jsonl:2 is not JSON"):
+        ResultStore(tmp_path, CONFIG, VERSIONS)
+
+
+def test_another_configuration_is_refused_and_nothing_is_changed(tmp_path):
+    with ResultStore(tmp_path, CONFIG, VERSIONS) as store:
+        store.append({"seed": 0})
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    with pytest.raises(BadArgument, match=r"begun with seeds = \[0, 2\], not \[0, 5\]"):
+        ResultStore(tmp_path, {**CONFIG, "seeds": [0, 5]}, VERSIONS)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_the_versions_may_differ_and_the_first_are_kept(tmp_path):
+    ResultStore(tmp_path, CONFIG, VERSIONS).__exit__()
+    with ResultStore(tmp_path, CONFIG, {"vuca-nav": "0.2.0"}) as store:
+        assert store.made_by == VERSIONS
+
+
+def test_rows_without_a_configuration_are_not_mixed_with_ours(tmp_path):
+    (tmp_path / "episodes.jsonl").write_text('{"seed": 0}\n')
+    with pytest.raises(BadArgument, match=r"no config\.json"):
+        ResultStore(tmp_path, CONFIG, VERSIONS)
+
+
+def test_a_broken_configuration_is_named(tmp_path):
+    (tmp_path / "config.json").write_text("[1, 2")
+    with pytest.raises(BadArgument, match=r"config\.json is not the configuration"):
+        ResultStore(tmp_path, CONFIG, VERSIONS)
+
+
+def test_two_writers_are_refused(tmp_path):
+    with (
+        ResultStore(tmp_path, CONFIG, VERSIONS),
+        pytest.raises(BadArgument, match="being written by another vuca eval"),
+    ):
+        ResultStore(tmp_path, CONFIG, VERSIONS)
+
+
+def test_a_directory_that_is_a_file(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BadArgument, match="cannot write"):
+        ResultStore(tmp_path / "file", CONFIG, VERSIONS)
+    with pytest.raises(BadArgument, match="cannot write"):
+        ResultStore(tmp_path / "file" / "below", CONFIG, VERSIONS)
