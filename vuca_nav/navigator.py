@@ -31,8 +31,10 @@ class NavigatorConfig:
     """[Hz]; its triggers act between."""
     trigger_rate: float = 5.0
     """At which the triggers are looked at [Hz]."""
-    goal_tolerance: float = 0.15
-    """Distance by its own estimate at which the robot stops [m]: half of what counts as arrived, for SLAM's error."""
+    goal_tolerance: float = 0.05
+    """Distance by its own estimate at which the robot stops [m]: what is left of the mission's tolerance is SLAM's."""
+    goal_slack: float = 0.12
+    """Distance from which on it approaches again, should the estimate have changed [m]."""
     waypoint_reached: float = 0.5
     """Nearer than this the next waypoint is planned without waiting [m]."""
     stuck_time: float = 12.0
@@ -134,7 +136,8 @@ class Navigator:
         telemetry.estimated_pose(pose, compose(self.start, odometry.odom_from_base))
         telemetry.scan(scan, estimate.points_in_map)
         self._cerebrum(scan.stamp, pose)
-        self.arrived = distance(pose, self.goal) < self.config.goal_tolerance
+        config = self.config
+        self.arrived = distance(pose, self.goal) < (config.goal_slack if self.arrived else config.goal_tolerance)
         command = STOP if self.arrived or not len(self._path_in_map) else self._cerebellum(scan, odometry, pose)
         telemetry.command(command)
         self._tick += 1
@@ -193,7 +196,7 @@ class Navigator:
     def _is_stuck(self, pose: Pose2) -> bool:
         if distance(pose, self._moved_from) > self.config.stuck_distance:
             self._moved_from, self._moved_tick = pose, self._tick
-        if self._tick - self._moved_tick < self.config.stuck_time * self.config.rate:
+        if self.arrived or self._tick - self._moved_tick < self.config.stuck_time * self.config.rate:
             return False
         self._moved_tick = self._tick
         return True
