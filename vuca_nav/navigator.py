@@ -174,16 +174,16 @@ class Navigator:
         costmap = Costmap(grid, self.body.radius, position, self.config.costmap)
         paths = PathField(costmap, position)
         target = self.explorer.target
-        if reason is None and (target is None or not paths.reaches(*target.point)):
+        if target is not None and not paths.reaches(*target.approach):
             reason = "no path leads to the target"
-        if reason is not None:
+        if reason is not None or target is None:
             before = target.point if target is not None else None
             target = self.explorer.choose(now, grid, costmap, paths)
             if target is not None and target.point != before:
                 what = "the goal" if target.is_goal else f"({target.point[0]:.1f}, {target.point[1]:.1f})"
                 telemetry.event(f"{reason}: now heading for {what}")
         if target is not None:
-            self._path_in_map = paths.path_to(*target.point)
+            self._path_in_map = paths.path_to(*target.approach)
             self._waypoint = farthest_free_waypoint(costmap, self._path_in_map, position)
         else:
             # Somebody stands in the way, most likely: the last path is the best guess.

@@ -20,7 +20,7 @@ REST = Twist2(0.0, 0.0, 0.0)
 def insert_beam(grid: OccupancyGrid, end: tuple[float, float], is_hit: bool = True) -> None:
     points = np.array([end])
     box = np.array([min(0.0, end[0]), min(0.0, end[1]), max(0.0, end[0]), max(0.0, end[1])])
-    grid.insert(Pose2(0.025, 0.025, 0.0), points, int(is_hit), box)
+    grid.insert(Pose2(0.025, 0.025, 0.0), points, int(is_hit), np.zeros(1), box)
 
 
 def test_one_beam_frees_its_cells_and_occupies_its_end():
@@ -60,7 +60,7 @@ def test_what_moved_away_is_erased_by_six_beams():
 def test_a_hit_is_not_undone_by_another_beam_of_the_same_scan():
     grid = OccupancyGrid(GridConfig())
     points = np.array([[1.025, 0.025], [2.025, 0.025]])
-    grid.insert(Pose2(0.025, 0.025, 0.0), points, 2, np.array([0.0, 0.0, 2.1, 0.1]))
+    grid.insert(Pose2(0.025, 0.025, 0.0), points, 2, np.zeros(2), np.array([0.0, 0.0, 2.1, 0.1]))
     assert grid.level[grid.cell(1.025, 0.025)] == grid.config.hit
 
 
@@ -117,7 +117,7 @@ def test_a_clean_corner_is_matched_exactly(dx, dy, dyaw):
     grid = SurfaceGrid(SlamConfig().matching_grid)
     along = np.arange(-1.0, 2.0, 0.01)
     walls = np.vstack([np.column_stack([along, np.full(300, 2.013)]), np.column_stack([np.full(300, 2.013), along])])
-    grid.insert(Pose2(0.0, 0.0, 0.0), walls, len(walls), np.array([-1.1, -1.1, 2.1, 2.1]))
+    grid.insert(Pose2(0.0, 0.0, 0.0), walls, len(walls), np.zeros(len(walls)), np.array([-1.1, -1.1, 2.1, 2.1]))
     matcher = ScanMatcher(ScanMatcherConfig(translation_weight=1e-6, rotation_weight=1e-6), len(walls))
     match = matcher.match(grid, Pose2(dx, dy, dyaw), walls)
     np.testing.assert_allclose(match.map_from_base, (0.0, 0.0, 0.0), atol=1e-3)
@@ -136,7 +136,7 @@ def mapped_room() -> tuple[SurfaceGrid, ScanMatcher, np.ndarray]:
         ranges = ranges_to_boxes(boxes, pose) + rng.normal(0.0, 0.02, LIDAR.num_beams)
         c, s = math.cos(pose.yaw), math.sin(pose.yaw)
         points = np.column_stack([pose.x + ranges * (c * cos - s * sin), pose.y + ranges * (s * cos + c * sin)])
-        grid.insert(pose, points, len(points), np.array([-1.0, -1.0, 8.0, 6.0]))
+        grid.insert(pose, points, len(points), np.zeros(len(points)), np.array([-1.0, -1.0, 8.0, 6.0]))
     return grid, ScanMatcher(ScanMatcherConfig(), LIDAR.num_beams), boxes
 
 
@@ -200,6 +200,21 @@ def test_slam_holds_the_pose_where_odometry_drifts():
 def test_trusting_odometry_means_dead_reckoning():
     worst, worst_odometry, _ = drive_round("odometry")
     assert worst == pytest.approx(worst_odometry)
+
+
+def test_skimming_beams_do_not_wash_a_wall_away():
+    """Driving off along a wall whose surface lies inside a row of cells, looking back at it."""
+    boxes = np.vstack([room(30.0, 2.0), [[-1.0, 1.97, 31.0, 2.3]]])
+    slam = Slam(LIDAR, SlamConfig(localisation="odometry"))
+    slam.reset(Pose2(2.0, 1.0, 0.0))
+    rng = np.random.default_rng(0)
+    for k in range(450):
+        pose = Pose2(2.0 + 0.03 * k, 1.0, 0.0)
+        slam.update(scan_of(boxes, pose, k / 30, rng), Odometry(k / 30, Pose2(0.03 * k, 0.0, 0.0), REST))
+    grid = slam.navigation_grid
+    columns = [grid.cell(x, 1.97)[1] for x in np.arange(1.0, 15.0, 0.05)]
+    row = grid.cell(0.0, 1.97)[0]
+    assert np.mean([(grid.level[row - 1 : row + 2, j] > 0).any() for j in columns]) > 0.99
 
 
 def test_dropped_beams_do_not_open_walls():

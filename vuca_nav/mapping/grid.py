@@ -136,13 +136,17 @@ class OccupancyGrid:
             )
             self.cover(*self.known_box)
 
-    def insert(self, map_from_sensor: Pose2, points_in_map: FloatArray, num_hits: int, box: FloatArray) -> None:
+    def insert(
+        self, map_from_sensor: Pose2, points_in_map: FloatArray, num_hits: int, grazed: FloatArray, box: FloatArray
+    ) -> None:
         """Update every cell that the scan saw, once: a return's cell up, the cells on the way to it down.
 
         Args:
             map_from_sensor: Where the scan was taken.
             points_in_map: (n, 2) where beams ended [m].
             num_hits: The first so many of them are returns; the others are ends of beams that met nothing.
+            grazed: (n,) over this last part of its way a beam skims the surface it ends on, and empties no cell that
+                is held for occupied [m].
             box: (4,) x_min, y_min, x_max, y_max of all of them and the sensor [m].
         """
         self._include(float(box[0]), float(box[1]), float(box[2]), float(box[3]))
@@ -158,6 +162,7 @@ class OccupancyGrid:
             (map_from_sensor.y - self.origin[1]) / self.resolution,
             points_in_map,
             num_hits,
+            grazed,
             self.origin[0],
             self.origin[1],
             1.0 / self.resolution,
@@ -186,7 +191,7 @@ class OccupancyGrid:
 
 @njit(cache=True)
 def _insert(
-    level, last_update, scan_index, sensor_j, sensor_i, points, num_hits, origin_x, origin_y, per_metre,
+    level, last_update, scan_index, sensor_j, sensor_i, points, num_hits, grazed, origin_x, origin_y, per_metre,
     hit, miss, limit, entropy_of_level, entropy_gain,
 ):  # fmt: skip
     gain = 0.0
@@ -213,9 +218,11 @@ def _insert(
         t_per_j = abs(1.0 / dj) if dj != 0.0 else 1e30
         t_i = ((i + 1 - sensor_i) if di > 0 else (sensor_i - i)) * t_per_i
         t_j = ((j + 1 - sensor_j) if dj > 0 else (sensor_j - j)) * t_per_j
+        skims_from = 1.0 - grazed[k] * per_metre / max(math.hypot(di, dj), 1e-9)
         for _ in range(abs(last_i - i) + abs(last_j - j)):
             old = level[i, j]
-            if old > -limit and last_update[i, j] != scan_index:
+            skims = old > 0 and min(t_i, t_j) > skims_from
+            if old > -limit and last_update[i, j] != scan_index and not skims:
                 last_update[i, j] = scan_index
                 new = max(old - miss, -limit)
                 level[i, j] = new

@@ -17,9 +17,8 @@ from vuca_nav.geometry import wrap_angle
 from vuca_nav.mapping.surfaces import SurfaceGrid
 from vuca_nav.types import FloatArray, Pose2
 
-
 LINE_RATIO = 0.1
-"""Variance across over variance along up to which a neighbourhood of returns is a line: 0.25 let yaw drift twice as far."""
+"""Variance across over variance along up to which a neighbourhood of returns is a line; 0.25 doubled the yaw's drift."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,9 +28,11 @@ class SurfaceGrid(OccupancyGrid):
         self.mean: NDArray[np.float32] = np.zeros((*self.level.shape, 2), np.float32)
         self.count: NDArray[np.uint8] = np.zeros(self.level.shape, np.uint8)
 
-    def insert(self, map_from_sensor: Pose2, points_in_map: FloatArray, num_hits: int, box: FloatArray) -> None:
+    def insert(
+        self, map_from_sensor: Pose2, points_in_map: FloatArray, num_hits: int, grazed: FloatArray, box: FloatArray
+    ) -> None:
         """As for the occupancy grid; the returns also move their cells' means."""
-        super().insert(map_from_sensor, points_in_map, num_hits, box)
+        super().insert(map_from_sensor, points_in_map, num_hits, grazed, box)
         _average(
             self.level,
             self.mean,
