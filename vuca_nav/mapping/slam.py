@@ -146,13 +146,16 @@ def _beam_ends(ranges, beams, min_range, max_range, neighbours, thickness, ends,
         if min_range <= r < max_range:
             ends[count, 0] = r * beams[k, 0]
             ends[count, 1] = r * beams[k, 1]
-            a, b = (k - 3) % n, (k + 3) % n
-            grazed[count] = thickness
-            if ranges[a] < max_range and ranges[b] < max_range:
-                tx = ranges[b] * beams[b, 0] - ranges[a] * beams[a, 0]
-                ty = ranges[b] * beams[b, 1] - ranges[a] * beams[a, 1]
-                sine = abs(beams[k, 0] * ty - beams[k, 1] * tx) / max(math.hypot(tx, ty), 1e-9)
-                grazed[count] = thickness / max(sine, 0.04)
+            # The more grazing of the angles to the returns on either side: beyond a wall's end there may be none.
+            sine = 1.0
+            for d in (-3, 3):
+                j = (k + d) % n
+                if ranges[j] < max_range:
+                    tx = ranges[j] * beams[j, 0] - ends[count, 0]
+                    ty = ranges[j] * beams[j, 1] - ends[count, 1]
+                    cross = abs(beams[k, 0] * ty - beams[k, 1] * tx)
+                    sine = min(sine, cross / max(math.hypot(tx, ty), 1e-9))
+            grazed[count] = thickness / max(sine, 0.04)
             count += 1
     num_hits = count
     for k in range(n):
