@@ -191,9 +191,9 @@ def test_the_four_triggers():
     assert explorer.trigger(1.0, grid, target.approach) == "the exploration point was reached"
     assert explorer.trigger(1.0, grid, (3.0, 2.0)) == "there is no target"  # there is nothing more to see
     explorer.target = target
-    explorer._information -= 5000.0
+    explorer._entropy -= 5000.0
     assert explorer.trigger(1.0, grid, (3.0, 2.0)) == "the map changed a lot"
-    explorer._information += 5000.0
+    explorer._entropy += 5000.0
     picture[15:25, 59] = "#"
     seen = as_grid(picture)
     assert explorer.trigger(1.0, seen, (3.0, 2.0)) == "the exploration point's state changed"

@@ -70,19 +70,20 @@ def test_entropy_is_kept_up_to_date():
     for _ in range(50):
         insert_beam(grid, tuple(rng.uniform(0.2, 6.0, 2)), bool(rng.random() < 0.8))
     p = grid.probability_of_level[grid.level.astype(int) + 128]
-    assert grid.entropy == pytest.approx(float(-(p * np.log(p) + (1 - p) * np.log(1 - p)).sum()), rel=1e-9)
-    assert grid.information > 0.0
+    expected = -(p * np.log(p) + (1 - p) * np.log(1 - p)).sum() - grid.level.size * np.log(2.0)
+    assert grid.entropy == pytest.approx(float(expected), rel=1e-9)
+    assert grid.entropy < 0.0
 
 
 def test_growing_keeps_every_cell_where_it_is():
     grid = OccupancyGrid(GridConfig())
     insert_beam(grid, (1.025, 0.025))
-    information = grid.information
+    entropy = grid.entropy
     insert_beam(grid, (-30.0, 25.0))
     assert grid.state(1.025, 0.025) == 1
     assert grid.state(-30.0, 25.0) == 1
     assert grid.cell(0.025, 0.025) == (round(-grid.origin[1] / 0.05), round(-grid.origin[0] / 0.05))
-    assert grid.information > information
+    assert grid.entropy < entropy
 
 
 def test_a_cell_remembers_the_mean_of_its_returns():

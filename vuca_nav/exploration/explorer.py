@@ -61,7 +61,7 @@ class Explorer:
     target: Target | None = None
     _blacklist: list[tuple[float, float, float]] = field(default_factory=list)
     _chosen_at: float = -math.inf
-    _information: float = 0.0
+    _entropy: float = 0.0
     _goal_was_known: bool = False
 
     def reset(self, goal: tuple[float, float]) -> None:
@@ -70,7 +70,7 @@ class Explorer:
         self.target = None
         self._blacklist = []
         self._chosen_at = -math.inf
-        self._information = 0.0
+        self._entropy = 0.0
         self._goal_was_known = False
 
     def trigger(self, now: float, grid: OccupancyGrid, robot: tuple[float, float]) -> str | None:
@@ -94,7 +94,7 @@ class Explorer:
             return "the exploration point was reached"
         if not _is_frontier(grid, self.target.point):
             return "the exploration point's state changed"
-        if abs(grid.information - self._information) > self.config.entropy_change:
+        if abs(grid.entropy - self._entropy) > self.config.entropy_change:
             return "the map changed a lot"
         return None
 
@@ -117,7 +117,7 @@ class Explorer:
             The new target, or None if nothing can be reached.
         """
         config = self.config
-        self._chosen_at, self._information = now, grid.information
+        self._chosen_at, self._entropy = now, grid.entropy
         self._goal_was_known = grid.state(*self.goal) != 0
         self._blacklist = [entry for entry in self._blacklist if entry[2] > now]
         if paths.reaches(*self.goal):

@@ -30,8 +30,9 @@ def find_frontiers(costmap: Costmap, field: PathField, min_length: float, max_le
     """Candidate exploration points.
 
     Boundary cells nearer to something occupied than the body's radius do not count: the body would not fit through,
-    and a wall seen at a grazing angle is a dotted line with just such gaps. Connected ones form a frontier; one longer than ``max_length`` gives a candidate for each piece of
-    that length, so that a wide opening is not judged by its middle alone.
+    and a wall seen at a grazing angle is a dotted line with just such gaps. Connected ones form a frontier; one longer
+    than ``max_length`` gives a candidate for each piece of that length, so that a wide opening is not judged by its
+    middle alone.
 
     Args:
         costmap: The map, coarse.

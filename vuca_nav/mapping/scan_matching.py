@@ -18,7 +18,7 @@ from vuca_nav.mapping.surfaces import SurfaceGrid
 from vuca_nav.types import FloatArray, Pose2
 
 LINE_RATIO = 0.1
-"""Variance across over variance along up to which a neighbourhood of returns is a line; 0.25 doubled the yaw's drift."""
+"""Variance across over variance along up to which neighbouring returns are a line; 0.25 doubled the yaw's drift."""
 
 
 @dataclass(frozen=True, slots=True)
