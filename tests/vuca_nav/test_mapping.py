@@ -198,6 +198,29 @@ def test_slam_holds_the_pose_where_odometry_drifts():
     assert np.mean(wall) > 0.9
 
 
+def test_a_given_map_is_as_good_as_an_own_one():
+    """Solid blocks in a map of cells: what is inside them is no surface to match."""
+    boxes = np.vstack([room(12.0, 9.0), [[3.0, 3.0, 5.0, 6.0], [7.5, 2.5, 9.5, 4.0]]])
+    prior = OccupancyGrid(SlamConfig().navigation_grid)
+    level = np.full((200, 260), -1, np.int8)
+    for x0, y0, x1, y1 in boxes:
+        rows, columns = (
+            slice(max(round((v + 0.5) / 0.05), 0), round((w + 0.5) / 0.05)) for v, w in ((y0, y1), (x0, x1))
+        )
+        level[rows, columns] = 1
+    prior.fill(level, (-0.5, -0.5))
+    slam = Slam(LIDAR)
+    truth, odom = Pose2(1.5, 1.5, 0.0), Pose2(0.0, 0.0, 0.0)
+    slam.reset(truth, prior)
+    rng = np.random.default_rng(5)
+    worst = 0.0
+    for k in range(420):
+        slam.update(scan_of(boxes, truth, k / 30, rng), Odometry(k / 30, odom, REST))
+        worst = max(worst, distance(slam.map_from_base, truth))
+        truth, odom = moved(truth, 0.02, 0.002), moved(odom, 0.0206, 0.0022)
+    assert worst < 0.03
+
+
 def test_trusting_odometry_means_dead_reckoning():
     worst, worst_odometry, _ = drive_round("odometry")
     assert worst == pytest.approx(worst_odometry)

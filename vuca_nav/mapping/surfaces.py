@@ -13,6 +13,8 @@ from vuca_nav.types import FloatArray, Pose2
 
 MAX_COUNT = 60
 """Returns that a cell's mean remembers: enough to average 2 cm of noise to 3 mm, and new ones still count."""
+PRIOR_COUNT = 3
+"""Returns that a cell of a map known beforehand is worth: its surface may lie anywhere in the cell."""
 
 
 class SurfaceGrid(OccupancyGrid):
@@ -46,10 +48,17 @@ class SurfaceGrid(OccupancyGrid):
         )
 
     def fill(self, level: NDArray[np.int8], origin: tuple[float, float]) -> None:
-        """As for the occupancy grid; a surface goes through the middle of its cell."""
-        super().fill(level, origin)
+        """As for the occupancy grid, but only what has a free cell beside it is a surface.
+
+        It goes through the middle of its cell and weighs little, so that the first returns put it right.
+        """
+        outline = level.copy()
+        free = np.pad(level < 0, 1)
+        beside_free = free[2:, 1:-1] | free[:-2, 1:-1] | free[1:-1, 2:] | free[1:-1, :-2]
+        outline[(level > 0) & ~beside_free] = 0
+        super().fill(outline, origin)
         self.mean[self.level > 0] = 0.5
-        self.count[self.level > 0] = MAX_COUNT
+        self.count[self.level > 0] = PRIOR_COUNT
 
     def _grow(self, pad: tuple[tuple[int, int], tuple[int, int]]) -> None:
         super()._grow(pad)
