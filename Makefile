@@ -6,7 +6,9 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 RUNS ?= runs
 WORKERS ?= 2
-DEMO_SEED ?= 0
+# A mission that arrives; most with moving obstacles do not yet (docs/experiments.md).
+DEMO_REGION ?= 3
+DEMO_SEED ?= 4
 
 # The first Python that is new enough; override with `make PYTHON=/path/to/python3.12 ...`.
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
@@ -46,9 +48,9 @@ lock: ## pin the newest versions that fit pyproject.toml, resolved in a clean en
 
 demo: $(VENV)/.installed-sim ## one factory mission, recorded
 	@mkdir -p $(RUNS)
-	@echo "TIAGo in factory region 4, 40 moving obstacles. The first run compiles the kernels: about a minute,"
+	@echo "TIAGo in factory region $(DEMO_REGION), ten moving obstacles a quarter. The first run compiles the kernels: about a minute,"
 	@echo "which counts in its real-time factor."
-	$(BIN)/vuca run --world factory --region 4 --robot tiago --seed $(DEMO_SEED) --record $(RUNS)/demo.rrd
+	$(BIN)/vuca run --world factory --region $(DEMO_REGION) --robot tiago --seed $(DEMO_SEED) --record $(RUNS)/demo.rrd
 	@echo "The recording is $(RUNS)/demo.rrd. Open it with: $(BIN)/rerun $(RUNS)/demo.rrd"
 
 bench: $(VENV)/.installed-sim ## ratios against named references
