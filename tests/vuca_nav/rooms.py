@@ -33,7 +33,7 @@ def ranges_to_boxes(boxes: np.ndarray, pose: Pose2, lidar: LidarSpec = LIDAR) ->
     """(num_beams,) [m] by the slab method; inf where nothing is within reach."""
     angles = lidar.angles_in_base() + pose.yaw
     directions = np.column_stack([np.cos(angles), np.sin(angles)])  # (beams, 2)
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         low = (boxes[None, :, :2] - pose[:2]) / directions[:, None]
         high = (boxes[None, :, 2:] - pose[:2]) / directions[:, None]
     enter = np.minimum(low, high).max(axis=2)
