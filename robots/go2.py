@@ -6,6 +6,7 @@ Numbers come from example-robot-data's ``go2.urdf`` ("the URDF") or from MuJoCo 
 
 import numpy as np
 
+from robots.locomotion.body import Quadruped
 from robots.locomotion.config import QuadrupedConfig, Trot
 from vuca_nav.types import BodySpec, LidarSpec
 
@@ -28,15 +29,15 @@ GO2 = QuadrupedConfig(
     spec=BodySpec(
         name="go2",
         footprint=FOOTPRINT,
-        max_v_x=1.0,
-        min_v_x=-0.5,
-        max_v_y=0.3,
-        max_w_z=1.0,
+        max_v_x=1.2,
+        min_v_x=-0.6,
+        max_v_y=0.4,
+        max_w_z=1.2,
         max_a_x=2.0,
         max_a_y=2.0,
         max_a_w=5.0,
     ),
-    lidar=LidarSpec(height=0.40),
+    lidar=LidarSpec(height=0.37),
     urdf="go2_description/urdf/go2.urdf",
     base="base",
     leg_names=("FL", "FR", "RL", "RR"),
@@ -60,3 +61,10 @@ GO2 = QuadrupedConfig(
     trot=Trot(),
     weights="go2.safetensors",
 )
+
+
+class Go2(Quadruped):
+    """Unitree Go2, walking by a learned gait."""
+
+    def __init__(self):
+        super().__init__(GO2)

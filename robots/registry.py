@@ -3,12 +3,12 @@
 from collections.abc import Callable
 
 from robots.body import Body
-from robots.go2 import GO2
+from robots.go2 import GO2, Go2
 from robots.locomotion.config import QuadrupedConfig
 from robots.tiago import Tiago
 from vuca_nav.errors import UnknownName
 
-ROBOTS: dict[str, Callable[[], Body]] = {"tiago": Tiago}
+ROBOTS: dict[str, Callable[[], Body]] = {"go2": Go2, "tiago": Tiago}
 
 QUADRUPEDS: dict[str, QuadrupedConfig] = {GO2.spec.name: GO2}
 """Those that walk; their gaits come from vuca train locomotion."""

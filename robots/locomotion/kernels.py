@@ -19,6 +19,10 @@ RATE_SCALE = 0.05
 """Of joint speeds in the observation [s/rad]."""
 GYRO_SCALE = 0.25
 """Of angular rates in the observation [s/rad]."""
+TRIM_RATE = 1.0
+"""Of the integral that takes away steady errors of the velocity [1/s]."""
+TRIM_LIMIT = 0.2
+"""[m/s, rad/s]"""
 _YAW_LEVER = 0.5
 """Turns rad/s into m/s when it is asked whether a command is slow [m]."""
 
@@ -69,6 +73,29 @@ def advance_clock(tuning, wanted, command, clock):
     step = tuning.dt / tuning.ramp_time
     clock[1] = min(max(clock[1] + (step if speed > tuning.deadband else -step), 0.0), 1.0)
     clock[0] = (clock[0] + tuning.frequency * tuning.dt) % 1.0 if clock[1] > 0.0 else 0.0
+
+
+@njit(cache=True)
+def advance_trim(tuning, command, clock, velocity, yaw_rate, trim, asked):
+    """Integrate what the estimate says is missing of the command, so that no steady error stays.
+
+    Args:
+        tuning: Of the gait.
+        command: (3,) after the slew limit.
+        clock: (2,); standing still, the trim fades.
+        velocity: (2,) as estimated.
+        yaw_rate: As measured.
+        trim: (3,) added to the command; changed.
+        asked: (3,) command plus trim: what the trot and the policy are given.
+    """
+    for i in range(3):
+        if clock[1] == 1.0:
+            measured = velocity[i] if i < 2 else yaw_rate
+            trim[i] += TRIM_RATE * tuning.dt * (command[i] - measured)
+            trim[i] = min(max(trim[i], -TRIM_LIMIT), TRIM_LIMIT)
+        else:
+            trim[i] -= tuning.dt / tuning.ramp_time * trim[i]
+        asked[i] = command[i] + trim[i]
 
 
 @njit(cache=True)
