@@ -5,6 +5,7 @@
 VENV ?= .venv
 BIN := $(VENV)/bin
 RUNS ?= runs
+ROBOT ?= tiago
 WORKERS ?= 2
 
 # The first Python that is new enough; override with `make PYTHON=/path/to/python3.12 ...`.
@@ -37,16 +38,16 @@ lock: ## pin the newest versions that fit pyproject.toml, resolved in a clean en
 	@set -e; tmp=$$(mktemp -d); trap 'rm -rf "$$tmp"' EXIT; \
 	$(PYTHON) -m venv "$$tmp/venv"; \
 	"$$tmp/venv/bin/python" -m pip install --quiet --disable-pip-version-check -e '.[dev]'; \
-	{ echo '# Exact versions of everything in vuca-nav[dev] (which includes [sim]); made by `make lock`.'; \
-	  "$$tmp/venv/bin/python" -m pip freeze --exclude-editable | grep -v '^#' | LC_ALL=C sort -f; } > "$$tmp/lock"; \
+	{ echo '# Exact versions of everything in vuca-nav[dev] (which includes [sim] and [train]); made by `make lock`.'; \
+	  "$$tmp/venv/bin/python" -m pip freeze --exclude-editable | grep -v '^#' | sed 's/+cpu$$//' | grep -v '^nvidia\|^triton\|^cuda' | LC_ALL=C sort -f; } > "$$tmp/lock"; \
 	cp "$$tmp/lock" requirements.lock; echo "requirements.lock: $$(grep -c == requirements.lock) packages"
 
 # -- what a user wants ------------------------------------------------------------------------------------------
 
-demo: $(VENV)/.installed-sim ## one factory mission, recorded
+demo: $(VENV)/.installed-sim ## one factory mission, recorded; ROBOT=go2 walks
 	@mkdir -p $(RUNS)
-	@echo "TIAGo in factory region 4, 40 moving obstacles. The first run compiles the kernels, about a minute."
-	$(BIN)/vuca run --world factory --region 4 --robot tiago --seed 0 --record $(RUNS)/demo.rrd
+	@echo "$(ROBOT) in factory region 4, 40 moving obstacles. The first run compiles the kernels, about a minute."
+	$(BIN)/vuca run --world factory --region 4 --robot $(ROBOT) --seed 0 --record $(RUNS)/demo.rrd
 	@echo "The recording is $(RUNS)/demo.rrd. Open it with: $(BIN)/rerun $(RUNS)/demo.rrd"
 
 bench: $(VENV)/.installed-sim ## ratios against named references
@@ -76,4 +77,4 @@ format: $(VENV)/.installed-dev ## put the code into the project's style
 
 clean: ## caches; not .venv, not runs/
 	rm -rf build dist .pytest_cache .ruff_cache .hypothesis .import_linter_cache *.egg-info
-	find eval robots tests vuca_nav worlds -name __pycache__ -type d -prune -exec rm -rf {} +
+	find eval robots tests train vuca_nav worlds -name __pycache__ -type d -prune -exec rm -rf {} +

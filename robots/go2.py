@@ -12,11 +12,12 @@ from vuca_nav.types import BodySpec, LidarSpec
 
 FOOTPRINT = np.array(
     [
-        (0.36, 0.07), (0.33, 0.155), (-0.31, 0.185), (-0.355, 0.15),
-        (-0.355, -0.15), (-0.31, -0.185), (0.33, -0.155), (0.36, -0.07),
+        (0.37, 0.10), (0.33, 0.185), (-0.33, 0.19), (-0.38, 0.16),
+        (-0.38, -0.16), (-0.33, -0.19), (0.33, -0.185), (0.37, -0.10),
     ]
 )  # fmt: skip
-"""Trunk with head (0.36 m forward) and the feet, swung at their widest [m]."""
+"""Around head, thighs and feet [m]: all visual meshes in 99% of a random walk over the whole range of commands; a
+foot caught by a push or in a sharp turn at full speed comes out by up to 0.06 m."""
 
 ROTOR_INERTIA = 0.000111842
 """About its axis: ``*_rotor`` of the URDF [kg m^2]."""

@@ -120,6 +120,7 @@ class BoundQuadruped(BoundBody):
         self._odometer = LegOdometer(self._noise, rng, self._dt)
         self._measure()
         self._gait.reset(self._sensors.q)
+        self._measured = False
 
     def start_odometry(self) -> None:
         """See BoundBody."""

@@ -19,6 +19,9 @@ RATE_SCALE = 0.05
 """Of joint speeds in the observation [s/rad]."""
 GYRO_SCALE = 0.25
 """Of angular rates in the observation [s/rad]."""
+STRIDE_SCALE = 1.05
+"""By which the standing legs' velocity falls short, measured on the walking Go2: a foot that is just set down or
+about to lift off carries some weight but does not stand yet, or no longer."""
 TRIM_RATE = 1.0
 """Of the integral that takes away steady errors of the velocity [1/s]."""
 TRIM_LIMIT = 0.2
@@ -151,7 +154,8 @@ def foot_motion(legs, leg, q, dq, gyro, up, torque, out):
     Args:
         legs: Dimensions.
         leg: Which.
-        q: (3,) angles. dq: (3,) their speeds.
+        q: (3,) angles.
+        dq: (3,) their speeds.
         gyro: (3,) angular velocity in base_link.
         up: (3,) the vertical in base_link.
         torque: (3,) of the leg's servos.
@@ -213,6 +217,7 @@ def leg_velocity(legs, tuning, gyro, up, q, dq, targets, out):
         v2 += share * velocity[2]
     if total < 0.05:
         return 0.0
+    total /= STRIDE_SCALE
     level_velocity(up, v0 / total, v1 / total, v2 / total, out)
     return min(total, 1.0)
 

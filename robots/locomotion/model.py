@@ -73,6 +73,7 @@ class QuadrupedModel:
         root.compiler.angle = "radian"
         root.option.integrator = "implicitfast"  # the servos' damping is stiff for a light shank
         trunk = root.worldbody.add("body", name="base_link")
+
         _add_inertia(trunk, self.pieces["base_link"])
         touches = {"contype": TOUCHES_SCENE | TOUCHES_FLOOR, "conaffinity": 0, "group": 3}
         trunk.add("geom", name="trunk", type="box", pos=config.trunk_centre, size=config.trunk_box, **touches)

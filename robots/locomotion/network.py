@@ -43,12 +43,11 @@ class PolicyNetwork:
     """
 
     def __init__(self, tensors: dict[str, NDArray[np.float32]]):
-        self._mean, self._scale = tensors["mean"], tensors["scale"]
         # Transposed: the kernel adds up columns, which vectorises without reordering a sum.
-        self._weights = tuple(np.ascontiguousarray(tensors[f"weight_{k}"].T) for k in range(LAYERS))
-        self._biases = tuple(tensors[f"bias_{k}"] for k in range(LAYERS))
-        self._input = np.empty(OBSERVATION_SIZE, np.float32)
-        self._hidden = tuple(np.empty(len(b), np.float32) for b in self._biases)
+        weights = [np.ascontiguousarray(tensors[f"weight_{k}"].T) for k in range(LAYERS)]
+        biases = [tensors[f"bias_{k}"] for k in range(LAYERS)]
+        scratch = [np.empty(size, np.float32) for size in (OBSERVATION_SIZE, *map(len, biases))]
+        self._arrays = (tensors["mean"], tensors["scale"], *weights, *biases, *scratch)
 
     def __call__(self, observation: NDArray[np.float64], action: NDArray[np.float64]) -> None:
         """The policy's mean action for an observation (OBSERVATION_SIZE,), into ``action`` (ACTION_SIZE,).
@@ -56,9 +55,7 @@ class PolicyNetwork:
         Raises:
             BadObservation: If a number is not finite; says which.
         """
-        bad = _forward(
-            observation, self._mean, self._scale, *self._weights, *self._biases, self._input, *self._hidden, action
-        )
+        bad = _forward(observation, action, *self._arrays)
         if bad >= 0:
             raise BadObservation(
                 f"gait observation {bad} of {OBSERVATION_SIZE} is {observation[bad]}: expected a number"
@@ -119,7 +116,7 @@ def _checked(path: Path, tensors: dict[str, np.ndarray], key: str, shape: tuple[
 
 
 @njit(cache=True)
-def _forward(observation, mean, scale, w0, w1, w2, b0, b1, b2, x, h0, h1, h2, action):
+def _forward(observation, action, mean, scale, w0, w1, w2, b0, b1, b2, x, h0, h1, h2):
     """Returns the index of an input that is not finite, -1 if there is none."""
     for i in range(len(observation)):
         if not math.isfinite(observation[i]):

@@ -4,7 +4,7 @@
 # (MuJoCo's compiled bindings and dm_control's generated elements are invisible to a static checker.)
 
 import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import mujoco
@@ -33,15 +33,15 @@ class EnvironmentConfig:
     """[Hz]"""
     episode: float = 20.0
     """[s]"""
-    command_range: tuple[float, float, float, float, float, float] = (-0.6, 1.2, -0.4, 0.4, -1.2, 1.2)
-    """Lowest and highest v_x, v_y [m/s] and w_z [rad/s]."""
+    command_range: tuple[float, float, float, float, float, float] = (-0.7, 1.35, -0.5, 0.5, -1.4, 1.4)
+    """Lowest and highest v_x, v_y [m/s] and w_z [rad/s]: beyond what is commanded by what the trim may add."""
     push_speed: float = 0.7
     """Largest sudden change of velocity [m/s]."""
     push_interval: float = 4.0
     """Mean time between pushes [s]."""
     num_sills: int = 0
     """Bars on each robot's floor."""
-    randomisation: Randomisation = Randomisation()
+    randomisation: Randomisation = field(default_factory=Randomisation)
     threads: int = 1
 
 

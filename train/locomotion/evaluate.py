@@ -1,5 +1,6 @@
-"""How well a gait tracks its commands, and how often it falls: on the full contact model, through the robot's own
-sensors with their noise, at the simulation's rates.
+"""How well a gait tracks its commands, and how often it falls.
+
+On the full contact model, through the robot's own sensors with their noise, at the simulation's rates.
 
 Run as ``python -m train.locomotion.evaluate --robot go2 --out DIR``.
 """

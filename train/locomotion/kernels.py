@@ -10,7 +10,6 @@ from robots.locomotion.kernels import (
     ACTION_SIZE,
     OBSERVATION_SIZE,
     advance_clock,
-    advance_trim,
     fill_observation,
     foot_motion,
     joint_targets,
@@ -70,22 +69,19 @@ class Batch(NamedTuple):
     must_reset: np.ndarray
     joint_bias: np.ndarray
     """Of the encoders (n, 12) [rad]."""
-    trim: np.ndarray
-    asked: np.ndarray
-    """Command and trim, what the policy and the trot are given (n, 3)."""
 
     @classmethod
     def zeros(cls, n: int, state_size: int) -> "Batch":
-        """N robots that will all be reset."""
+        """Robots that will all be reset."""
         widths = (state_size, *(ACTION_SIZE,) * 5, 3, 3, 2, 2, 3, 3)
         ints = [np.zeros(n, np.int64) for _ in range(3)]
         arrays = [np.zeros((n, width)) for width in widths]
-        return cls(*arrays, *ints, np.ones(n, np.bool_), np.zeros((n, ACTION_SIZE)), np.zeros((n, 3)), np.zeros((n, 3)))
+        return cls._make((*arrays, *ints, np.ones(n, np.bool_), np.zeros((n, ACTION_SIZE))))
 
     def targets_for(self, legs, tuning, control: np.ndarray) -> None:
         """Joint targets of the actions, each robot's late by its delay. control: (n, substeps, ACTION_SIZE)."""
         _targets(
-            legs, tuning, self.asked, self.clock, self.action, self.targets, self.last_targets, self.delay, control
+            legs, tuning, self.command, self.clock, self.action, self.targets, self.last_targets, self.delay, control
         )
 
 
@@ -148,7 +144,6 @@ def _reset(tuning, batch, i, u, low, high):
     batch.velocity[i] = 0.0
     batch.slow_error[i] = 0.0
     batch.command[i] = 0.0
-    batch.trim[i] = 0.0
     batch.clock[i, 0], batch.clock[i, 1] = u[19], 1.0 if u[20] < 0.5 else 0.0
     _draw_command(u[21:25], low, high, batch.wanted[i])
     batch.age[i] = 0
@@ -223,10 +218,10 @@ def step_kernel(
         t = terms[i]
         t[0], t[1] = math.exp(-linear2 / 0.25), 1.25 * math.exp(-linear2 / 0.02)
         t[2], t[3] = 0.5 * math.exp(-e_w * e_w / 0.25), 0.75 * math.exp(-e_w * e_w / 0.04)
-        t[4] = 0.75 * math.exp(-slow2 / 0.002)
+        t[4] = math.exp(-slow2 / 0.01)
         t[5], t[6] = 0.5 * matches / 4.0, 0.3
         t[7], t[8] = -v_up * v_up, -0.05 * (gyro[0] ** 2 + gyro[1] ** 2)
-        t[9], t[10] = -2.0 * (up[0] ** 2 + up[1] ** 2), -40.0 * (height - tuning.hip_height) ** 2
+        t[9], t[10] = -10.0 * (up[0] ** 2 + up[1] ** 2), -40.0 * (height - tuning.hip_height) ** 2
         t[11], t[12], t[13] = -1e-4 * effort, -0.02 * rate, -0.01 * jerk
         t[14], t[15], t[16] = -0.3 * hips, -0.1 * slip, -15.0 * clearance
         t[17] = -0.5 * still if clock[1] == 0.0 else 0.0
@@ -279,16 +274,13 @@ def step_kernel(
         for k in range(2):
             batch.velocity[i, k] += VELOCITY_GAIN * worth * (planar[k] - batch.velocity[i, k])
         advance_clock(tuning, batch.wanted[i], command, clock)
-        rate = noisy_gyro[0] * noisy_up[0] + noisy_gyro[1] * noisy_up[1] + noisy_gyro[2] * noisy_up[2]
-        asked = batch.asked[i]
-        advance_trim(tuning, command, clock, batch.velocity[i], rate, batch.trim[i], asked)
         fill_observation(
-            tuning, noisy_gyro, noisy_up, asked, q, dq, batch.last_action[i], clock, batch.velocity[i], clean
+            tuning, noisy_gyro, noisy_up, command, q, dq, batch.last_action[i], clock, batch.velocity[i], clean
         )
         for k in range(OBSERVATION_SIZE):
             observation[i, k] = clean[k]
         fill_observation(
-            tuning, gyro, up, asked, state[8:20], state[26:38], batch.last_action[i], clock, batch.velocity[i], clean
+            tuning, gyro, up, command, state[8:20], state[26:38], batch.last_action[i], clock, batch.velocity[i], clean
         )
         for k in range(OBSERVATION_SIZE):
             privileged[i, k] = clean[k]

@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 import torch
@@ -44,7 +45,7 @@ class PpoConfig:
     critic_rate: float = 1e-3
     first_divergence: float = 0.03
     last_divergence: float = 0.008
-    entropy: float = 0.002
+    entropy: float = 0.001
     """Weight at first; falls to 0."""
     normaliser_iterations: int = 200
     """After which the normalisers are frozen."""
@@ -174,7 +175,7 @@ class Learner:
         for _ in range(config.epochs):
             order = torch.randperm(len(flat))
             for k in range(config.minibatches):
-                part = flat[order[k * size : (k + 1) * size]]
+                part = cast(TensorDict, flat[order[k * size : (k + 1) * size]])
                 self._mirror_half(part)
                 losses = self.loss(part)
                 self.actor_optimiser.zero_grad(set_to_none=True)
@@ -185,9 +186,9 @@ class Learner:
                 self.actor_optimiser.step()
                 self.critic_optimiser.step()
                 with torch.no_grad():
-                    now = self.network.layers(part["observation"])
+                    now = self.network.layers(part.get("observation"))
                     std = self.network.log_std.clamp(-3.0, 0.0).exp()
-                    kl = float(_divergence(part["loc"], old_std, now, std))
+                    kl = float(_divergence(part.get("loc"), old_std, now, std))
                 divergence += kl
                 critic_loss += float(losses["loss_critic"].detach())
                 updates += 1
@@ -208,7 +209,7 @@ class Learner:
             ("observation", "observation"), ("privileged", "privileged"), ("action", "action"), ("loc", "action"),
         ):  # fmt: skip
             order, signs = self._mirrors[mirror]
-            tensor = part[key]
+            tensor = part.get(key)
             tensor[:half] = tensor[:half][:, order] * signs
 
     def _adapt_rate(self, divergence: float, wanted: float) -> None:

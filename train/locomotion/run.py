@@ -4,7 +4,7 @@ import json
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import mujoco
@@ -56,8 +56,8 @@ class TrainingConfig:
     """Share of the time in which the command range opens."""
     first_commands: float = 0.4
     """Share of the command range at first."""
-    environment: EnvironmentConfig = EnvironmentConfig()
-    ppo: PpoConfig = PpoConfig()
+    environment: EnvironmentConfig = field(default_factory=EnvironmentConfig)
+    ppo: PpoConfig = field(default_factory=PpoConfig)
     stages: tuple[Stage, ...] = STAGES
 
 
