@@ -37,7 +37,7 @@ class EnvironmentConfig:
     """Lowest and highest v_x, v_y [m/s] and w_z [rad/s]: beyond what is commanded by what the trim may add."""
     push_speed: float = 0.7
     """Largest sudden change of velocity [m/s]."""
-    push_interval: float = 4.0
+    push_interval: float = 3.0
     """Mean time between pushes [s]."""
     num_sills: int = 0
     """Bars on each robot's floor."""

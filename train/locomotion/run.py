@@ -22,7 +22,7 @@ from vuca_nav.errors import BadArgument
 
 CHECKPOINT = "checkpoint.pt"
 LOG = "log.jsonl"
-_SAVE_EVERY = 50
+_SAVE_EVERY = 25
 """Iterations between checkpoints."""
 _NEW_FLOORS = 0.01
 """Share of the robots that get a new body and floor after each iteration."""
