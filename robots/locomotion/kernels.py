@@ -197,7 +197,8 @@ def _triple(a, b, c):
 def leg_velocity(legs, tuning, gyro, up, q, dq, targets, out):
     """The body's velocity as the standing feet give it, along the floor. out: (2,) forward, left [m/s].
 
-    Each foot counts by the cube of the force it carries. The result is in the heading frame: base_link's x axis, levelled.
+    Each foot counts by the cube of the force it carries. The result is in the heading frame: base_link's x axis,
+    levelled.
 
     Returns:
         Share of the robot's weight on the feet, at most 1: how much the answer is worth.
