@@ -6,6 +6,7 @@ The training arena moves its robots by this model; evaluation runs the body itse
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -108,13 +109,17 @@ def fit(commands: FloatArray, measured: FloatArray, acceleration: float) -> Axis
     for delay in range(MAX_DELAY + 1):
         gain, lag = 1.0, 0.1
         for _ in range(4):  # gain and lag in turns: they hardly depend on each other
-            lag = float(minimize_scalar(lambda x: residual(gain, x, delay), bounds=(0.005, 1.0), method="bounded").x)  # noqa: B023
-            gain = float(minimize_scalar(lambda x: residual(x, lag, delay), bounds=(0.5, 1.5), method="bounded").x)  # noqa: B023
+            lag = _least(lambda x: residual(gain, x, delay), 0.005, 1.0)  # noqa: B023  (called at once)
+            gain = _least(lambda x: residual(x, lag, delay), 0.5, 1.5)  # noqa: B023
         best = min(best, (residual(gain, lag, delay), gain, lag, delay))
     error, gain, lag, delay = best
     return AxisResponse(
         gain, lag, delay * dt, acceleration, math.sqrt(error), 1.0 - error / max(float(np.var(measured)), 1e-12)
     )
+
+
+def _least(function: Callable[[float], float], low: float, high: float) -> float:
+    return float(minimize_scalar(function, bounds=(low, high), method="bounded")["x"])
 
 
 def identify(body: Body, out: Path, seed: int) -> dict[str, AxisResponse]:
