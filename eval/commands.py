@@ -161,7 +161,7 @@ def eval_(argv: list[str]) -> int:
     }
     workers = arguments.workers or len(os.sched_getaffinity(0))
     evaluation = evaluate(identity, configs, arguments.out, workers=workers)
-    print(table(evaluation.groups))
+    print(table(evaluation.groups, evaluation.total))
     print(f"rows and summary: {arguments.out}", file=sys.stderr)
     for crash in evaluation.crashes:
         print(f"vuca eval: crashed: {crash.error} in {crash.config}", file=sys.stderr)
@@ -177,7 +177,7 @@ def bench(argv: list[str]) -> int:
     results = run_benchmarks(sys.stderr)
     for result in results:
         print(f"{result['name']:28} {result['value']:10.3f} {result['unit']:6}  {result['meaning']}")
-    _print_json({result["name"]: result for result in results}, arguments.json)
+    _print_json({result.pop("name"): result for result in results}, arguments.json)
     return 0
 
 

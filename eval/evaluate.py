@@ -8,9 +8,9 @@ from pathlib import Path
 from tqdm import tqdm
 
 from eval.episode import EpisodeConfig
-from eval.runner import Crash, RunEpisode, key_of, run_episodes, run_one, versions
+from eval.runner import Crash, RunEpisode, key_of, provenance, run_episodes, run_one
 from eval.store import ResultStore, Row
-from eval.summary import summarise
+from eval.summary import statistics_of, summarise
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +20,9 @@ class Evaluation:
     rows: tuple[Row, ...]
     """In the order of the episodes asked for."""
     groups: list[Row]
-    """The summary."""
+    """The summary, a group for each thing compared."""
+    total: Row
+    """The same of all rows."""
     crashes: tuple[Crash, ...]
     """Episodes that could not be run."""
 
@@ -41,16 +43,18 @@ def evaluate(
         BadArgument: The directory cannot be used for this evaluation.
     """
     asked = [config.row() for config in configs]
-    made_by = versions()
+    made_by = provenance()
     crashes: list[Crash] = []
     with ResultStore(out, identity, made_by) as store:
-        if store.made_by != made_by:
-            print(f"note: {out} was begun by {store.made_by}, this is {made_by}", file=sys.stderr)
+        changed = [key for key, value in made_by.items() if store.made_by.get(key) != value]
+        if changed:
+            print(f"note: since {out} was begun, this has changed: {', '.join(changed)}", file=sys.stderr)
         done = {key_of(row) for row in store.rows}
         todo = [config for config in configs if key_of(config.row()) not in done]
         if done:
             print(f"{len(done)} of {len(configs)} episodes are there already", file=sys.stderr)
-        with tqdm(total=len(configs), initial=len(done), unit="episode", file=sys.stderr) as bar:
+        pause = 0.1 if sys.stderr.isatty() else 10.0  # between two updates [s]: in a log each is a line
+        with tqdm(total=len(configs), initial=len(done), unit="episode", file=sys.stderr, mininterval=pause) as bar:
             for result in run_episodes(todo, workers, job) if todo else ():
                 if isinstance(result, Crash):
                     crashes.append(result)
@@ -61,10 +65,10 @@ def evaluate(
                 bar.update()
         place = {key_of(row): i for i, row in enumerate(asked)}
         rows = sorted(store.rows, key=lambda row: place[key_of(row)])
-        groups = summarise(rows)
+        groups, total = summarise(rows), statistics_of(rows)
         failures = [{"config": crash.config, "error": crash.error} for crash in crashes]
-        store.finish(rows, {**identity, "made_by": made_by, "groups": groups, "crashed": failures})
-    return Evaluation(tuple(rows), groups, tuple(crashes))
+        store.finish(rows, {**identity, "made_by": made_by, "groups": groups, "total": total, "crashed": failures})
+    return Evaluation(tuple(rows), groups, total, tuple(crashes))
 
 
 def _outcomes(rows: Sequence[Row]) -> str:

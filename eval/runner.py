@@ -12,12 +12,15 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 from eval.episode import EpisodeConfig, run_episode
 from eval.store import Row
+from robots.noise import NoiseConfig
+from vuca_nav.navigator import NavigatorConfig
+from vuca_nav.policy.dwa import DynamicWindowConfig
 
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
@@ -115,16 +118,25 @@ def _single_threaded_children() -> Iterator[None]:
                 os.environ[name] = value
 
 
-def versions() -> Row:
-    """What made a result: our version and commit, and the libraries that decide on its bits."""
+def provenance() -> Row:
+    """What made a result: versions and commit, the libraries that decide on its bits, all settings."""
     made_by: Row = {
         name: importlib.metadata.version(name) for name in ("vuca-nav", "mujoco", "numpy", "numba", "scipy")
     }
-    described = subprocess.run(
-        ["git", "describe", "--always", "--dirty", "--abbrev=12"],
-        cwd=Path(__file__).parent,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    return {**made_by, "commit": described.stdout.strip() or None}
+    return {
+        **made_by,
+        "commit": _commit(),
+        "noise": asdict(NoiseConfig()),
+        "navigator": asdict(NavigatorConfig()),
+        "dynamic_window": asdict(DynamicWindowConfig()),
+    }
+
+
+def _commit() -> str | None:
+    """Of the checkout we run from; None if there is no checkout, or no git."""
+    command = ["git", "describe", "--always", "--dirty", "--abbrev=12"]
+    try:
+        described = subprocess.run(command, cwd=Path(__file__).parent, capture_output=True, text=True, check=False)
+    except FileNotFoundError:
+        return None
+    return described.stdout.strip() or None

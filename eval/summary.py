@@ -40,25 +40,27 @@ def summarise(rows: Sequence[Row]) -> list[Row]:
     for row in rows:
         groups.setdefault(tuple(row[key] for key in GROUP_BY), []).append(row)
     ordered = sorted(groups.items(), key=lambda item: [(part is None, str(part)) for part in item[0]])
-    return [{**dict(zip(GROUP_BY, key)), **_statistics(members)} for key, members in ordered]
+    return [{**dict(zip(GROUP_BY, key)), **statistics_of(members)} for key, members in ordered]
 
 
-def _statistics(rows: Sequence[Row]) -> Row:
+def statistics_of(rows: Sequence[Row]) -> Row:
+    """Rates and means of some rows; no rows give rates of None and the interval [0, 1]."""
     n = len(rows)
     counts = {outcome: sum(row["outcome"] == outcome for row in rows) for outcome in OUTCOMES}
     rates = {
-        outcome: {"count": k, "rate": k / n, "interval": list(wilson_interval(k, n))} for outcome, k in counts.items()
+        outcome: {"count": k, "rate": k / n if n else None, "interval": list(wilson_interval(k, n))}
+        for outcome, k in counts.items()
     }
     return {"n": n, **rates, **{name: mean(row[name] for row in rows) for name in MEANS}}
 
 
-def table(groups: Sequence[Row]) -> str:
-    """The summary for a terminal: counts with 95% Wilson intervals, means, lengths in metres."""
+def table(groups: Sequence[Row], total: Row) -> str:
+    """The summary for a terminal: counts with 95% Wilson intervals, means, lengths in metres; last of all rows."""
     header = ["episodes", "n", *OUTCOMES, *(title for title, _, _ in _COLUMNS)]
     lines = [header]
-    for group in groups:
+    for title, group in [*((_title(group), group) for group in groups), ("all", total)]:
         means = ("-" if group[name] is None else f"{group[name]:.{digits}f}" for _, name, digits in _COLUMNS)
-        lines.append([_title(group), str(group["n"]), *(_rate(group[o]) for o in OUTCOMES), *means])
+        lines.append([title, str(group["n"]), *(_rate(group[o]) for o in OUTCOMES), *means])
     widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
     return "\n".join(
         "  ".join(cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(line, widths)))

@@ -63,6 +63,23 @@ def test_version():
     assert vuca("--version").stdout.strip().count(".") == 2
 
 
+def python(code: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+
+
+def test_help_is_quick_because_it_imports_nothing_heavy():
+    result = python(
+        "import sys; from vuca_nav.cli import main; main(['--help']);"
+        "print(*({'numpy', 'numba', 'mujoco', 'rerun'} & set(sys.modules)), file=sys.stderr)"
+    )
+    assert result.stderr.strip() == ""
+
+
+def test_without_the_simulator_it_says_which_extra_to_install():
+    result = python("import sys; sys.modules['mujoco'] = None; from vuca_nav.cli import main; sys.exit(main(['run']))")
+    assert_one_clear_line(result, "run", "needs the package 'mujoco': pip install 'vuca-nav[sim]'")
+
+
 SPOKEN = [
     # What users are most likely to get wrong, asked of the real program; the rest is asked in this process.
     (["run", "--robot", "gp2"], "unknown robot 'gp2'"),

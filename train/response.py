@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tyro
@@ -119,7 +120,8 @@ def fit(commands: FloatArray, measured: FloatArray, acceleration: float) -> Axis
 
 
 def _least(function: Callable[[float], float], low: float, high: float) -> float:
-    return float(minimize_scalar(function, bounds=(low, high), method="bounded")["x"])
+    result: Any = minimize_scalar(function, bounds=(low, high), method="bounded")
+    return float(result.x)
 
 
 def identify(body: Body, out: Path, seed: int) -> dict[str, AxisResponse]:

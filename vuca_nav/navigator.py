@@ -31,8 +31,10 @@ class NavigatorConfig:
     """[Hz]; its triggers act between."""
     trigger_rate: float = 5.0
     """At which the triggers are looked at [Hz]."""
-    goal_tolerance: float = 0.15
-    """Distance by its own estimate at which the robot stops [m]: half of what counts as arrived, for SLAM's error."""
+    goal_tolerance: float = 0.05
+    """Distance by its own estimate at which the robot stops [m]: what is left of the mission's tolerance is SLAM's."""
+    goal_slack: float = 0.12
+    """Distance from which on it approaches again, should the estimate have changed [m]."""
     waypoint_reached: float = 0.5
     """Nearer than this the next waypoint is planned without waiting [m]."""
     stuck_time: float = 12.0
@@ -134,7 +136,8 @@ class Navigator:
         telemetry.estimated_pose(pose, compose(self.start, odometry.odom_from_base))
         telemetry.scan(scan, estimate.points_in_map)
         self._cerebrum(scan.stamp, pose)
-        self.arrived = distance(pose, self.goal) < self.config.goal_tolerance
+        config = self.config
+        self.arrived = distance(pose, self.goal) < (config.goal_slack if self.arrived else config.goal_tolerance)
         command = STOP if self.arrived or not len(self._path_in_map) else self._cerebellum(scan, odometry, pose)
         telemetry.command(command)
         self._tick += 1
@@ -171,16 +174,16 @@ class Navigator:
         costmap = Costmap(grid, self.body.radius, position, self.config.costmap)
         paths = PathField(costmap, position)
         target = self.explorer.target
-        if reason is None and (target is None or not paths.reaches(*target.point)):
+        if target is not None and not paths.reaches(*target.approach):
             reason = "no path leads to the target"
-        if reason is not None:
+        if reason is not None or target is None:
             before = target.point if target is not None else None
             target = self.explorer.choose(now, grid, costmap, paths)
             if target is not None and target.point != before:
                 what = "the goal" if target.is_goal else f"({target.point[0]:.1f}, {target.point[1]:.1f})"
                 telemetry.event(f"{reason}: now heading for {what}")
         if target is not None:
-            self._path_in_map = paths.path_to(*target.point)
+            self._path_in_map = paths.path_to(*target.approach)
             self._waypoint = farthest_free_waypoint(costmap, self._path_in_map, position)
         else:
             # Somebody stands in the way, most likely: the last path is the best guess.
@@ -193,7 +196,7 @@ class Navigator:
     def _is_stuck(self, pose: Pose2) -> bool:
         if distance(pose, self._moved_from) > self.config.stuck_distance:
             self._moved_from, self._moved_tick = pose, self._tick
-        if self._tick - self._moved_tick < self.config.stuck_time * self.config.rate:
+        if self.arrived or self._tick - self._moved_tick < self.config.stuck_time * self.config.rate:
             return False
         self._moved_tick = self._tick
         return True

@@ -103,7 +103,7 @@ class Telemetry:
         """The navigation grid as it is now; ``grid.probability()`` is what one would draw."""
 
     def entropy(self, entropy: float) -> None:
-        """Of the map (Section III-C) [nat]."""
+        """Of the map, against an unseen one (Section III-C) [nat]."""
 
     def frontiers(self, view: FrontierView) -> None:
         """One decision of the explorer."""

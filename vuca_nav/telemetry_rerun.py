@@ -224,7 +224,7 @@ class RerunTelemetry(Telemetry):
             self._writer.log("/map/grid", image)
 
     def entropy(self, entropy: float) -> None:
-        """Of the map (Section III-C) [nat]."""
+        """Of the map, against an unseen one (Section III-C) [nat]."""
         self._status.entropy = entropy
         if self._writer.due("entropy", _POSE_PERIOD):
             self._writer.scalar("/plots/entropy", entropy)

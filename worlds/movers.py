@@ -1,4 +1,4 @@
-"""Where the moving obstacles are: all of them stepped by one compiled call, deterministic in the world alone.
+"""Where the moving obstacles are: stepped by compiled kernels, deterministic in the world alone.
 
 Decisions are taken at fixed ticks (30 a second) whatever the caller's time step, and between ticks everything
 moves on straight lines: the motion is a function of time, the same for a physics step of 1/300 s and a planning

@@ -74,7 +74,7 @@ class MoverPart:
 
 
 STRIDE = 1.3
-"""Distance walked in one gait cycle (two steps) of a person [m]; a walking person of 1.7 m makes steps of about 0.65 m."""
+"""Distance walked in one gait cycle (two steps) of a person [m]; somebody of 1.7 m makes steps of about 0.65 m."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -111,7 +111,7 @@ def leg_phase(leg, phase):
 def trot_angles(legs, tuning, command, clock, out):
     """Joint angles of the nominal trot. out: (12,) [rad].
 
-    In stance a foot goes back along the ground at the commanded velocity of the body over it; in swing it
+    In stance a foot goes back over the ground on the arc of the commanded twist; in swing it
     returns, lifted along a half sine of its phase. The servos are soft: a standing leg's targets are ahead of its
     angles by what carrying its share of the weight takes.
     """
@@ -124,7 +124,6 @@ def trot_angles(legs, tuning, command, clock, out):
     for leg in range(4):
         side = 1.0 if legs.offsets[leg] > 0.0 else -1.0
         x, y = legs.hips[leg, 0], legs.hips[leg, 1] + legs.offsets[leg] + side * tuning.stance_width
-        v_x, v_y = command[0] - command[2] * y, command[1] + command[2] * x
         phase = leg_phase(leg, clock[0])
         if phase < tuning.duty:
             along, lift = 0.5 - phase / tuning.duty, 0.0
@@ -133,7 +132,14 @@ def trot_angles(legs, tuning, command, clock, out):
             along, lift = -0.5 * math.cos(math.pi * swing), math.sin(math.pi * swing)
         along *= clock[1] * stance_time
         z = legs.foot_radius - tuning.hip_height + lift * clock[1] * tuning.swing_height
-        leg_angles(legs, leg, x + along * v_x, y + along * v_y, z, out[3 * leg : 3 * leg + 3])
+        # Where a point of the floor under the resting foot is, ``along`` before the body passes over it.
+        turn = along * command[2]
+        c, t = math.cos(turn), math.sin(turn)
+        c_half, t_half = math.cos(0.5 * turn), math.sin(0.5 * turn)
+        forward, left = along * command[0], along * command[1]
+        foot_x = c * x - t * y + c_half * forward - t_half * left
+        foot_y = t * x + c * y + t_half * forward + c_half * left
+        leg_angles(legs, leg, foot_x, foot_y, z, out[3 * leg : 3 * leg + 3])
         if phase < tuning.duty:
             foot_jacobian(legs, leg, out[3 * leg : 3 * leg + 3], jacobian)
             for j in range(3):  # torque = -J^T force, the floor's force being up

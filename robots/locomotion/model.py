@@ -3,6 +3,8 @@
 # pyright: reportAttributeAccessIssue=false, reportOptionalMemberAccess=false
 # (MuJoCo's compiled bindings and dm_control's generated elements are invisible to a static checker.)
 
+from typing import Any
+
 import numpy as np
 
 from robots.assets import asset
@@ -72,8 +74,7 @@ class QuadrupedModel:
         root = RootElement(model=config.spec.name)
         root.compiler.angle = "radian"
         root.option.integrator = "implicitfast"  # the servos' damping is stiff for a light shank
-        trunk = root.worldbody.add("body", name="base_link")
-
+        trunk: Any = root.worldbody.add("body", name="base_link")
         _add_inertia(trunk, self.pieces["base_link"])
         touches = {"contype": TOUCHES_SCENE | TOUCHES_FLOOR, "conaffinity": 0, "group": 3}
         trunk.add("geom", name="trunk", type="box", pos=config.trunk_centre, size=config.trunk_box, **touches)

@@ -5,7 +5,7 @@ import pytest
 from eval.evaluate import evaluate
 from eval.runner import Crash, run_episodes
 from eval.suites import SUITES, episodes_of, find_suite, parse_seeds
-from eval.summary import summarise, table
+from eval.summary import statistics_of, summarise, table
 from tests.eval import jobs
 from vuca_nav.errors import BadArgument, UnknownName
 
@@ -93,7 +93,10 @@ def test_summary_by_hand():
     assert moving["spl"] == 0.5
     assert still["fall"]["rate"] == 1.0
     assert still["arriving_time"] is None
-    header, first, _ = table([moving, still]).splitlines()
+    total = statistics_of(rows)
+    assert (total["n"], total["success"]["count"], total["success"]["rate"]) == (4, 2, 0.5)
+    header, first, _, last = table([moving, still], total).splitlines()
+    assert last.startswith("all ")
     assert "collision" in header
     assert "2 [21-94%]" in first
 

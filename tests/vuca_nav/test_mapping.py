@@ -20,7 +20,7 @@ REST = Twist2(0.0, 0.0, 0.0)
 def insert_beam(grid: OccupancyGrid, end: tuple[float, float], is_hit: bool = True) -> None:
     points = np.array([end])
     box = np.array([min(0.0, end[0]), min(0.0, end[1]), max(0.0, end[0]), max(0.0, end[1])])
-    grid.insert(Pose2(0.025, 0.025, 0.0), points, int(is_hit), box)
+    grid.insert(Pose2(0.025, 0.025, 0.0), points, int(is_hit), np.zeros(1), box)
 
 
 def test_one_beam_frees_its_cells_and_occupies_its_end():
@@ -60,7 +60,7 @@ def test_what_moved_away_is_erased_by_six_beams():
 def test_a_hit_is_not_undone_by_another_beam_of_the_same_scan():
     grid = OccupancyGrid(GridConfig())
     points = np.array([[1.025, 0.025], [2.025, 0.025]])
-    grid.insert(Pose2(0.025, 0.025, 0.0), points, 2, np.array([0.0, 0.0, 2.1, 0.1]))
+    grid.insert(Pose2(0.025, 0.025, 0.0), points, 2, np.zeros(2), np.array([0.0, 0.0, 2.1, 0.1]))
     assert grid.level[grid.cell(1.025, 0.025)] == grid.config.hit
 
 
@@ -70,19 +70,20 @@ def test_entropy_is_kept_up_to_date():
     for _ in range(50):
         insert_beam(grid, tuple(rng.uniform(0.2, 6.0, 2)), bool(rng.random() < 0.8))
     p = grid.probability_of_level[grid.level.astype(int) + 128]
-    assert grid.entropy == pytest.approx(float(-(p * np.log(p) + (1 - p) * np.log(1 - p)).sum()), rel=1e-9)
-    assert grid.information > 0.0
+    expected = -(p * np.log(p) + (1 - p) * np.log(1 - p)).sum() - grid.level.size * np.log(2.0)
+    assert grid.entropy == pytest.approx(float(expected), rel=1e-9)
+    assert grid.entropy < 0.0
 
 
 def test_growing_keeps_every_cell_where_it_is():
     grid = OccupancyGrid(GridConfig())
     insert_beam(grid, (1.025, 0.025))
-    information = grid.information
+    entropy = grid.entropy
     insert_beam(grid, (-30.0, 25.0))
     assert grid.state(1.025, 0.025) == 1
     assert grid.state(-30.0, 25.0) == 1
     assert grid.cell(0.025, 0.025) == (round(-grid.origin[1] / 0.05), round(-grid.origin[0] / 0.05))
-    assert grid.information > information
+    assert grid.entropy < entropy
 
 
 def test_a_cell_remembers_the_mean_of_its_returns():
@@ -117,7 +118,7 @@ def test_a_clean_corner_is_matched_exactly(dx, dy, dyaw):
     grid = SurfaceGrid(SlamConfig().matching_grid)
     along = np.arange(-1.0, 2.0, 0.01)
     walls = np.vstack([np.column_stack([along, np.full(300, 2.013)]), np.column_stack([np.full(300, 2.013), along])])
-    grid.insert(Pose2(0.0, 0.0, 0.0), walls, len(walls), np.array([-1.1, -1.1, 2.1, 2.1]))
+    grid.insert(Pose2(0.0, 0.0, 0.0), walls, len(walls), np.zeros(len(walls)), np.array([-1.1, -1.1, 2.1, 2.1]))
     matcher = ScanMatcher(ScanMatcherConfig(translation_weight=1e-6, rotation_weight=1e-6), len(walls))
     match = matcher.match(grid, Pose2(dx, dy, dyaw), walls)
     np.testing.assert_allclose(match.map_from_base, (0.0, 0.0, 0.0), atol=1e-3)
@@ -136,7 +137,7 @@ def mapped_room() -> tuple[SurfaceGrid, ScanMatcher, np.ndarray]:
         ranges = ranges_to_boxes(boxes, pose) + rng.normal(0.0, 0.02, LIDAR.num_beams)
         c, s = math.cos(pose.yaw), math.sin(pose.yaw)
         points = np.column_stack([pose.x + ranges * (c * cos - s * sin), pose.y + ranges * (s * cos + c * sin)])
-        grid.insert(pose, points, len(points), np.array([-1.0, -1.0, 8.0, 6.0]))
+        grid.insert(pose, points, len(points), np.zeros(len(points)), np.array([-1.0, -1.0, 8.0, 6.0]))
     return grid, ScanMatcher(ScanMatcherConfig(), LIDAR.num_beams), boxes
 
 
@@ -197,9 +198,47 @@ def test_slam_holds_the_pose_where_odometry_drifts():
     assert np.mean(wall) > 0.9
 
 
+def test_a_given_map_is_as_good_as_an_own_one():
+    """Solid blocks in a map of cells: what is inside them is no surface to match."""
+    boxes = np.vstack([room(12.0, 9.0), [[3.0, 3.0, 5.0, 6.0], [7.5, 2.5, 9.5, 4.0]]])
+    prior = OccupancyGrid(SlamConfig().navigation_grid)
+    level = np.full((200, 260), -1, np.int8)
+    for x0, y0, x1, y1 in boxes:
+        rows, columns = (
+            slice(max(round((v + 0.5) / 0.05), 0), round((w + 0.5) / 0.05)) for v, w in ((y0, y1), (x0, x1))
+        )
+        level[rows, columns] = 1
+    prior.fill(level, (-0.5, -0.5))
+    slam = Slam(LIDAR)
+    truth, odom = Pose2(1.5, 1.5, 0.0), Pose2(0.0, 0.0, 0.0)
+    slam.reset(truth, prior)
+    rng = np.random.default_rng(5)
+    worst = 0.0
+    for k in range(420):
+        slam.update(scan_of(boxes, truth, k / 30, rng), Odometry(k / 30, odom, REST))
+        worst = max(worst, distance(slam.map_from_base, truth))
+        truth, odom = moved(truth, 0.02, 0.002), moved(odom, 0.0206, 0.0022)
+    assert worst < 0.03
+
+
 def test_trusting_odometry_means_dead_reckoning():
     worst, worst_odometry, _ = drive_round("odometry")
     assert worst == pytest.approx(worst_odometry)
+
+
+def test_skimming_beams_do_not_wash_a_wall_away():
+    """Driving off along a wall whose surface lies inside a row of cells, looking back at it."""
+    boxes = np.vstack([room(30.0, 2.0), [[-1.0, 1.97, 31.0, 2.3]]])
+    slam = Slam(LIDAR, SlamConfig(localisation="odometry"))
+    slam.reset(Pose2(2.0, 1.0, 0.0))
+    rng = np.random.default_rng(0)
+    for k in range(450):
+        pose = Pose2(2.0 + 0.03 * k, 1.0, 0.0)
+        slam.update(scan_of(boxes, pose, k / 30, rng), Odometry(k / 30, Pose2(0.03 * k, 0.0, 0.0), REST))
+    grid = slam.navigation_grid
+    columns = [grid.cell(x, 1.97)[1] for x in np.arange(1.0, 15.0, 0.05)]
+    row = grid.cell(0.0, 1.97)[0]
+    assert np.mean([(grid.level[row - 1 : row + 2, j] > 0).any() for j in columns]) > 0.99
 
 
 def test_dropped_beams_do_not_open_walls():

@@ -14,6 +14,7 @@ from vuca_nav.errors import BadWorld
 from vuca_nav.types import Pose2
 from worlds import WORLDS, load_scene, make_world, save_scene
 from worlds.scene_file import SCHEMA_FILE
+from worlds.shortest_path import shortest_path_length
 from worlds.world import (
     MOVER_KINDS,
     OBSTACLE_KINDS,
@@ -235,3 +236,11 @@ def test_any_spoilt_leaf_is_refused_in_one_line(path, value, tmp_path):
     text = str(caught.value)
     assert str(path[0]) in text
     assert "\n" not in text
+
+
+def test_the_documented_example_is_a_scene(tmp_path):
+    text = (SCHEMA_FILE.parents[1] / "docs" / "scene-format.md").read_text()
+    example = text.split("```yaml\n")[1].split("```")[0]
+    world = load_scene(write(tmp_path, example))
+    assert world.name == "two rooms"
+    assert shortest_path_length(world, 0.35) < 14.0

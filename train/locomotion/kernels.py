@@ -217,7 +217,7 @@ def step_kernel(
             still += abs(state[8 + j] - tuning.nominal[j]) + 0.05 * abs(state[26 + j])
         t = terms[i]
         t[0], t[1] = math.exp(-linear2 / 0.25), 1.25 * math.exp(-linear2 / 0.01)
-        t[2], t[3] = 0.5 * math.exp(-e_w * e_w / 0.25), 1.25 * math.exp(-e_w * e_w / 0.02)
+        t[2], t[3] = 0.5 * math.exp(-e_w * e_w / 0.25), 2.0 * math.exp(-e_w * e_w / 0.02)
         t[4] = math.exp(-slow2 / 0.01)
         t[5], t[6] = 0.5 * matches / 4.0, 0.3
         t[7], t[8] = -v_up * v_up, -0.05 * (gyro[0] ** 2 + gyro[1] ** 2)

@@ -19,15 +19,15 @@ class ExplorerConfig:
 
     gamma: float = 0.0
     """Weight of the safety term; 0 until a critic is there."""
-    min_frontier: float = 0.7
-    """Shorter frontiers lead nowhere the body fits through, or are noise [m]; explore_lite has 0.75."""
+    min_frontier: float = 0.4
+    """Shorter frontiers are noise [m]. Without the cells that are too near to walls: an opening of 1 m has 0.4 m."""
     max_frontier: float = 3.0
     """Longer ones are cut into pieces [m]."""
     hysteresis: float = 3.0
     """A new choice must have a goal cost lower by this than the present one [m]."""
     same_within: float = 2.0
     """A candidate this near to the present choice is the present choice, moved on [m]."""
-    reached_within: float = 0.6
+    reached_within: float = 0.4
     """[m]"""
     entropy_change: float = 4000.0
     """Of the map since the last choice that calls for a new one [nat]; about 30 m^2 of floor newly seen."""
@@ -44,7 +44,9 @@ class Target:
     """What the cerebrum currently heads for."""
 
     point: tuple[float, float]
-    """In the map [m]."""
+    """The goal or the boundary cell, in the map [m]."""
+    approach: tuple[float, float]
+    """Where to drive to for it, in the map [m]."""
     is_goal: bool
 
 
@@ -59,7 +61,7 @@ class Explorer:
     target: Target | None = None
     _blacklist: list[tuple[float, float, float]] = field(default_factory=list)
     _chosen_at: float = -math.inf
-    _information: float = 0.0
+    _entropy: float = 0.0
     _goal_was_known: bool = False
 
     def reset(self, goal: tuple[float, float]) -> None:
@@ -68,7 +70,7 @@ class Explorer:
         self.target = None
         self._blacklist = []
         self._chosen_at = -math.inf
-        self._information = 0.0
+        self._entropy = 0.0
         self._goal_was_known = False
 
     def trigger(self, now: float, grid: OccupancyGrid, robot: tuple[float, float]) -> str | None:
@@ -87,11 +89,12 @@ class Explorer:
             return None
         if not self._goal_was_known and grid.state(*self.goal) != 0:
             return "the goal's state became known"
-        if math.dist(robot, self.target.point) < self.config.reached_within:
+        if math.dist(robot, self.target.approach) < self.config.reached_within:
+            self.give_up(now)  # from here one sees all there is to see of it
             return "the exploration point was reached"
         if not _is_frontier(grid, self.target.point):
             return "the exploration point's state changed"
-        if abs(grid.information - self._information) > self.config.entropy_change:
+        if abs(grid.entropy - self._entropy) > self.config.entropy_change:
             return "the map changed a lot"
         return None
 
@@ -114,19 +117,19 @@ class Explorer:
             The new target, or None if nothing can be reached.
         """
         config = self.config
-        self._chosen_at, self._information = now, grid.information
+        self._chosen_at, self._entropy = now, grid.entropy
         self._goal_was_known = grid.state(*self.goal) != 0
         self._blacklist = [entry for entry in self._blacklist if entry[2] > now]
         if paths.reaches(*self.goal):
-            self.target = Target(self.goal, is_goal=True)
+            self.target = Target(self.goal, self.goal, is_goal=True)
             return self.target
-        points, lengths = find_frontiers(costmap, paths, config.min_frontier, config.max_frontier)
+        points, approach, lengths = find_frontiers(costmap, paths, config.min_frontier, config.max_frontier)
         if len(points):
             keep = ~self._is_blacklisted(points)
             if not keep.any() and self._blacklist:
                 self._blacklist = []  # better to try again than to give up
                 keep[:] = True
-            points, lengths = points[keep], lengths[keep]
+            points, approach, lengths = points[keep], approach[keep], lengths[keep]
         if not len(points):
             self.target = None
             return None
@@ -138,7 +141,11 @@ class Explorer:
         scores = score_candidates(goal_cost, safety, config.gamma)
         chosen = int(np.argmin(scores.total))
         self.telemetry.frontiers(FrontierView(points, scores.goal_term, scores.safety_term, scores.total, chosen))
-        self.target = Target((float(points[chosen, 0]), float(points[chosen, 1])), is_goal=False)
+        self.target = Target(
+            (float(points[chosen, 0]), float(points[chosen, 1])),
+            (float(approach[chosen, 0]), float(approach[chosen, 1])),
+            is_goal=False,
+        )
         return self.target
 
     def _is_blacklisted(self, points: np.ndarray) -> np.ndarray:

@@ -1,5 +1,7 @@
 """Frontiers: free cells beside unknown ones (P_boundary, Section III-C), gathered into candidates."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
@@ -8,41 +10,59 @@ from vuca_nav.planning.paths import UNREACHED, PathField
 from vuca_nav.types import FloatArray
 
 
-def find_frontiers(
-    costmap: Costmap, field: PathField, min_length: float, max_length: float
-) -> tuple[FloatArray, FloatArray]:
+class Frontiers(NamedTuple):
+    """Candidate exploration points, n of them."""
+
+    points_in_map: FloatArray
+    """(n, 2) the boundary cell nearest to the middle of each piece of frontier [m]."""
+    approach_in_map: FloatArray
+    """(n, 2) where the body can stand to look at it [m]."""
+    path_lengths: FloatArray
+    """(n,) from the robot to there [m]."""
+
+
+APPROACH = 0.6
+"""A frontier counts as reachable from so far [m]: beside a wall seen at a grazing angle the boundary itself is too near
+to the wall to drive to, now and then, and a choice that comes and goes makes the robot turn to and fro."""
+
+
+def find_frontiers(costmap: Costmap, field: PathField, min_length: float, max_length: float) -> Frontiers:
     """Candidate exploration points.
 
-    Connected boundary cells form a frontier; one longer than ``max_length`` gives a candidate for each piece of
-    that length, so that a wide opening is not judged by its middle alone. A candidate is the reachable cell nearest
-    to its piece's centre.
+    Boundary cells nearer to something occupied than the body's radius do not count: the body would not fit through,
+    and a wall seen at a grazing angle is a dotted line with just such gaps. Connected ones form a frontier; one longer
+    than ``max_length`` gives a candidate for each piece of that length, so that a wide opening is not judged by its
+    middle alone.
 
     Args:
         costmap: The map, coarse.
         field: Paths from the robot.
-        min_length: Frontiers of fewer cells than this length holds are noise [m].
+        min_length: Frontiers of fewer cells than this length holds are noise [m]; to it the body's width is added.
         max_length: [m]
 
     Returns:
-        points_in_map (n, 2) [m] and path_lengths (n,) [m] from the robot.
+        Those that the body can come near to.
     """
     step = costmap.resolution
     cells = _candidates(
         costmap.state,
+        costmap.clearance,
+        costmap.radius / step * 5.0,
         field.cost,
         UNREACHED,
         max(1, round(min_length / step)),
         max(1, round(max_length / step)),
+        round(APPROACH / step),
     )
-    points = (cells[:, ::-1].astype(np.float64) + 0.5) * step + np.array(costmap.origin)
-    lengths = np.array([field.length_to_cell(int(i), int(j)) for i, j in cells])
-    return points, lengths
+    points = (cells[:, [1, 0, 3, 2]].astype(np.float64) + 0.5) * step + np.tile(costmap.origin, 2)
+    lengths = np.array([field.length_to_cell(int(i), int(j)) for i, j in cells[:, :2]])
+    return Frontiers(points[:, 2:], points[:, :2], lengths)
 
 
 @njit(cache=True)
-def _is_boundary(state, i, j):
-    """Free and beside (4 neighbours) an unknown cell."""
-    if state[i, j] != 1:
+def _is_boundary(state, clearance, least, i, j):
+    """Free, beside (4 neighbours) an unknown cell, and not as near to something occupied as the body's radius."""
+    if state[i, j] != 1 or clearance[i, j] < least:
         return False
     rows, columns = state.shape
     return (
@@ -54,16 +74,17 @@ def _is_boundary(state, i, j):
 
 
 @njit(cache=True)
-def _candidates(state, cost, unreached, min_cells, max_cells):
+def _candidates(state, clearance, least, cost, unreached, min_cells, max_cells, reach):
+    """(n, 4) row and column of where to stand, then of the boundary cell."""
     rows, columns = state.shape
     seen = np.zeros((rows, columns), np.bool_)
     stack = np.empty((rows * columns, 2), np.int32)
     piece = np.empty((rows * columns, 2), np.int32)
-    result = np.empty((rows * columns // max(min_cells, 1) + 1, 2), np.int64)
+    result = np.empty((rows * columns // max(min_cells, 1) + 1, 4), np.int64)
     count = 0
     for i0 in range(rows):
         for j0 in range(columns):
-            if seen[i0, j0] or not _is_boundary(state, i0, j0):
+            if seen[i0, j0] or not _is_boundary(state, clearance, least, i0, j0):
                 continue
             # Flood the frontier; since the flood is a walk along it, runs of it are connected enough to cut it up.
             seen[i0, j0] = True
@@ -77,7 +98,7 @@ def _candidates(state, cost, unreached, min_cells, max_cells):
                 size += 1
                 for a in range(max(i - 1, 0), min(i + 2, rows)):
                     for b in range(max(j - 1, 0), min(j + 2, columns)):
-                        if not seen[a, b] and _is_boundary(state, a, b):
+                        if not seen[a, b] and _is_boundary(state, clearance, least, a, b):
                             seen[a, b] = True
                             stack[top, 0], stack[top, 1] = a, b
                             top += 1
@@ -92,13 +113,20 @@ def _candidates(state, cost, unreached, min_cells, max_cells):
                     mean_j += piece[k, 1]
                 mean_i /= last - first
                 mean_j /= last - first
-                best, best_k = 1e30, -1
+                best, middle = 1e30, first
                 for k in range(first, last):
-                    if cost[piece[k, 0], piece[k, 1]] != unreached:
-                        d = (piece[k, 0] - mean_i) ** 2 + (piece[k, 1] - mean_j) ** 2
-                        if d < best:
-                            best, best_k = d, k
-                if best_k >= 0:
-                    result[count, 0], result[count, 1] = piece[best_k, 0], piece[best_k, 1]
+                    d = (piece[k, 0] - mean_i) ** 2 + (piece[k, 1] - mean_j) ** 2
+                    if d < best:
+                        best, middle = d, k
+                i, j = piece[middle, 0], piece[middle, 1]
+                best, best_a, best_b = 1e30, -1, -1
+                for a in range(max(i - reach, 0), min(i + reach + 1, rows)):
+                    for b in range(max(j - reach, 0), min(j + reach + 1, columns)):
+                        d = (a - i) ** 2 + (b - j) ** 2
+                        if cost[a, b] != unreached and d < best and d <= reach * reach:
+                            best, best_a, best_b = d, a, b
+                if best_a >= 0:
+                    result[count, 0], result[count, 1] = best_a, best_b
+                    result[count, 2], result[count, 3] = i, j
                     count += 1
     return result[:count]

@@ -66,23 +66,19 @@ class OccupancyGrid:
         """(256,) indexed by level + 128."""
         p = self.probability_of_level
         self._entropy_of_level = -p * np.log(p) - (1.0 - p) * np.log(1.0 - p)
-        self._entropy_gain = np.zeros(1)
+        self._entropy_change = np.zeros(1)
         self.known_box = (centre[0], centre[1], centre[0], centre[1])
         """x_min, y_min, x_max, y_max of all that was ever written to [m]."""
 
     @property
     def entropy(self) -> float:
-        """Of the map, summed over all cells [nat], kept up to date by ``insert``.
+        """Of the map less that of an unseen one, summed over all cells [nat]; 0 at first, and falling.
 
         Section III-C prints ``-sum p log p`` with p the occupancy alone, which is largest at p = 1/e, so that the
-        first look at a free cell would raise it. This is the entropy of the cell's two outcomes: largest at 1/2.
+        first look at a free cell would raise it. This is the entropy of the cell's two outcomes, largest at 1/2; and
+        against an unseen map, so that it does not jump when the grid grows.
         """
-        return self.level.size * float(self._entropy_of_level[128]) + float(self._entropy_gain[0])
-
-    @property
-    def information(self) -> float:
-        """Entropy that the observations took away; unlike ``entropy`` it does not jump when the grid grows [nat]."""
-        return -float(self._entropy_gain[0])
+        return float(self._entropy_change[0])
 
     def probability(self) -> NDArray[np.uint8]:
         """Occupancy probability times 255, (rows, columns)."""
@@ -136,13 +132,17 @@ class OccupancyGrid:
             )
             self.cover(*self.known_box)
 
-    def insert(self, map_from_sensor: Pose2, points_in_map: FloatArray, num_hits: int, box: FloatArray) -> None:
+    def insert(
+        self, map_from_sensor: Pose2, points_in_map: FloatArray, num_hits: int, grazed: FloatArray, box: FloatArray
+    ) -> None:
         """Update every cell that the scan saw, once: a return's cell up, the cells on the way to it down.
 
         Args:
             map_from_sensor: Where the scan was taken.
             points_in_map: (n, 2) where beams ended [m].
             num_hits: The first so many of them are returns; the others are ends of beams that met nothing.
+            grazed: (n,) over this last part of its way a beam skims the surface it ends on, and empties no cell that
+                is held for occupied [m].
             box: (4,) x_min, y_min, x_max, y_max of all of them and the sensor [m].
         """
         self._include(float(box[0]), float(box[1]), float(box[2]), float(box[3]))
@@ -158,6 +158,7 @@ class OccupancyGrid:
             (map_from_sensor.y - self.origin[1]) / self.resolution,
             points_in_map,
             num_hits,
+            grazed,
             self.origin[0],
             self.origin[1],
             1.0 / self.resolution,
@@ -165,7 +166,7 @@ class OccupancyGrid:
             self.config.miss,
             self.config.limit,
             self._entropy_of_level,
-            self._entropy_gain,
+            self._entropy_change,
         )
 
     def fill(self, level: NDArray[np.int8], origin: tuple[float, float]) -> None:
@@ -181,13 +182,13 @@ class OccupancyGrid:
         i, j = self.cell(origin[0] + 0.5 * step, origin[1] + 0.5 * step)
         self.level[i : i + rows, j : j + columns] = np.sign(level) * self.config.limit
         entropy = self._entropy_of_level[self.level.astype(np.int16) + 128]
-        self._entropy_gain[0] = float((entropy - self._entropy_of_level[128]).sum())
+        self._entropy_change[0] = float((entropy - self._entropy_of_level[128]).sum())
 
 
 @njit(cache=True)
 def _insert(
-    level, last_update, scan_index, sensor_j, sensor_i, points, num_hits, origin_x, origin_y, per_metre,
-    hit, miss, limit, entropy_of_level, entropy_gain,
+    level, last_update, scan_index, sensor_j, sensor_i, points, num_hits, grazed, origin_x, origin_y, per_metre,
+    hit, miss, limit, entropy_of_level, entropy_change,
 ):  # fmt: skip
     gain = 0.0
     for k in range(num_hits):
@@ -213,9 +214,11 @@ def _insert(
         t_per_j = abs(1.0 / dj) if dj != 0.0 else 1e30
         t_i = ((i + 1 - sensor_i) if di > 0 else (sensor_i - i)) * t_per_i
         t_j = ((j + 1 - sensor_j) if dj > 0 else (sensor_j - j)) * t_per_j
+        skims_from = 1.0 - grazed[k] * per_metre / max(math.hypot(di, dj), 1e-9)
         for _ in range(abs(last_i - i) + abs(last_j - j)):
             old = level[i, j]
-            if old > -limit and last_update[i, j] != scan_index:
+            skims = old > 0 and min(t_i, t_j) > skims_from
+            if old > -limit and last_update[i, j] != scan_index and not skims:
                 last_update[i, j] = scan_index
                 new = max(old - miss, -limit)
                 level[i, j] = new
@@ -226,4 +229,4 @@ def _insert(
             else:
                 t_j += t_per_j
                 j += step_j
-    entropy_gain[0] += gain
+    entropy_change[0] += gain

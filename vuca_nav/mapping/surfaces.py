@@ -13,6 +13,8 @@ from vuca_nav.types import FloatArray, Pose2
 
 MAX_COUNT = 60
 """Returns that a cell's mean remembers: enough to average 2 cm of noise to 3 mm, and new ones still count."""
+PRIOR_COUNT = 3
+"""Returns that a cell of a map known beforehand is worth: its surface may lie anywhere in the cell."""
 
 
 class SurfaceGrid(OccupancyGrid):
@@ -28,9 +30,11 @@ class SurfaceGrid(OccupancyGrid):
         self.mean: NDArray[np.float32] = np.zeros((*self.level.shape, 2), np.float32)
         self.count: NDArray[np.uint8] = np.zeros(self.level.shape, np.uint8)
 
-    def insert(self, map_from_sensor: Pose2, points_in_map: FloatArray, num_hits: int, box: FloatArray) -> None:
+    def insert(
+        self, map_from_sensor: Pose2, points_in_map: FloatArray, num_hits: int, grazed: FloatArray, box: FloatArray
+    ) -> None:
         """As for the occupancy grid; the returns also move their cells' means."""
-        super().insert(map_from_sensor, points_in_map, num_hits, box)
+        super().insert(map_from_sensor, points_in_map, num_hits, grazed, box)
         _average(
             self.level,
             self.mean,
@@ -44,10 +48,17 @@ class SurfaceGrid(OccupancyGrid):
         )
 
     def fill(self, level: NDArray[np.int8], origin: tuple[float, float]) -> None:
-        """As for the occupancy grid; a surface goes through the middle of its cell."""
-        super().fill(level, origin)
+        """As for the occupancy grid, but only what has a free cell beside it is a surface.
+
+        It goes through the middle of its cell and weighs little, so that the first returns put it right.
+        """
+        outline = level.copy()
+        free = np.pad(level < 0, 1)
+        beside_free = free[2:, 1:-1] | free[:-2, 1:-1] | free[1:-1, 2:] | free[1:-1, :-2]
+        outline[(level > 0) & ~beside_free] = 0
+        super().fill(outline, origin)
         self.mean[self.level > 0] = 0.5
-        self.count[self.level > 0] = MAX_COUNT
+        self.count[self.level > 0] = PRIOR_COUNT
 
     def _grow(self, pad: tuple[tuple[int, int], tuple[int, int]]) -> None:
         super()._grow(pad)
