@@ -100,7 +100,7 @@ class QuadrupedModel:
         parent = trunk
         for k, joint in enumerate(JOINTS_PER_LEG):
             name = f"{leg}_{joint}"
-            body = parent.add("body", name=name, pos=places[k])
+            body: Any = parent.add("body", name=name, pos=places[k])
             _add_inertia(body, self.pieces[name])
             index = 3 * i + k
             body.add(
