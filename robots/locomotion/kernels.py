@@ -24,8 +24,10 @@ SIDE_SLIP = 0.05
 70 random walks of varied Go2s."""
 TRIM_RATE = 1.0
 """Of the integral that takes away steady errors of the velocity [1/s]."""
-TRIM_LIMIT = 0.2
-"""[m/s, rad/s]"""
+TRIM_LIMIT = 0.1
+"""[m/s]"""
+TURN_TRIM_LIMIT = 0.1
+"""[rad/s]"""
 _YAW_LEVER = 0.5
 """Turns rad/s into m/s when it is asked whether a command is slow [m]."""
 
@@ -95,7 +97,8 @@ def advance_trim(tuning, command, clock, velocity, yaw_rate, trim, asked):
         if clock[1] == 1.0:
             measured = velocity[i] if i < 2 else yaw_rate
             trim[i] += TRIM_RATE * tuning.dt * (command[i] - measured)
-            trim[i] = min(max(trim[i], -TRIM_LIMIT), TRIM_LIMIT)
+            limit = TRIM_LIMIT if i < 2 else TURN_TRIM_LIMIT
+            trim[i] = min(max(trim[i], -limit), limit)
         else:
             trim[i] -= tuning.dt / tuning.ramp_time * trim[i]
         asked[i] = command[i] + trim[i]
