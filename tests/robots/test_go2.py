@@ -16,6 +16,7 @@ from robots.urdf import BadUrdf, read_urdf
 from tests.robots.halls import hall
 from vuca_nav.errors import UnknownName
 from vuca_nav.geometry import between
+from vuca_nav.telemetry import Telemetry
 from vuca_nav.types import STOP, Pose2, VelocityCommand
 
 
@@ -173,6 +174,24 @@ def test_every_visual_hangs_on_a_body_and_legs_have_theirs(go2, walker):
     assert {"base_link", "FL_hip", "FL_thigh", "FL_calf", "RR_calf"} <= bodies
     for body in bodies:
         assert walker.model.body(f"go2/{body}").id > 0
+
+
+class PartsListener(Telemetry):
+    def __init__(self):
+        self.orientations = []
+
+    def robot_parts(self, positions, quaternions):
+        self.orientations.append(quaternions.copy())
+
+
+def test_legs_move_in_the_recording(go2):
+    listener = PartsListener()
+    simulation = Simulation(hall(), go2, 0, noise=NoiseConfig(), telemetry=listener)
+    simulation.reset()
+    walk(simulation, VelocityCommand(0.6, 0.0, 0.0), 1.0)
+    swing = np.ptp(np.array(listener.orientations), axis=0).max(axis=1)  # (parts,)
+    for visual, moved in zip(go2.visuals(), swing):
+        assert visual.body == "base_link" or visual.body.endswith("hip") or moved > 0.1
 
 
 def test_footprint_holds_the_standing_robot(go2, walker):
