@@ -115,7 +115,7 @@ class Learner:
         environment, config = self.environment, self.config
         std = self.network.log_std.clamp(-3.0, 0.0).exp()
         observation, privileged = self._now
-        falls, terms, errors = 0, {}, []
+        falls, reward, terms, errors = 0, 0.0, {}, []
         for t in range(config.horizon):
             if self.iteration < config.normaliser_iterations:
                 self.see.update(observation)
@@ -134,6 +134,7 @@ class Learner:
             self._rewards[t, truncated, 0] += config.gamma * self._values[t, truncated, 0]
             self._done[t, :, 0] = torch.from_numpy(step.terminated | step.truncated)
             falls += int(step.terminated.sum())
+            reward += float(step.reward.mean()) / config.horizon
             for key, value in environment.reward_terms().items():
                 terms[f"reward/{key}"] = terms.get(f"reward/{key}", 0.0) + value / config.horizon
             batch = environment.batch
@@ -145,7 +146,7 @@ class Learner:
         samples = self._rewards.numel()
         minutes = samples / environment.config.control / 60.0
         return {
-            "reward/total": float(self._rewards.mean()) * environment.config.control,
+            "reward/total": reward * environment.config.control,
             "falls_per_minute": falls / minutes,
             "slow_error/v_x": v_x, "slow_error/v_y": v_y, "slow_error/w_z": w_z,
             "std": float(std.mean()), **terms,
