@@ -9,7 +9,8 @@ class NoiseConfig:
     """Noise of the lidar, the wheel and joint encoders, the gyro and the attitude.
 
     An error "per episode" is drawn once at the start from a normal distribution of this standard deviation.
-    Together they make dead reckoning drift by 2-4% of the distance travelled (tests/robots/test_odometry.py).
+    Together they make dead reckoning drift by 2-4% of the distance travelled, on wheels and on legs
+    (tests/robots/test_odometry.py, docs/locomotion.md).
     """
 
     range_sigma: float = 0.02
