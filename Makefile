@@ -7,7 +7,9 @@ BIN := $(VENV)/bin
 RUNS ?= runs
 ROBOT ?= tiago
 WORKERS ?= 2
-DEMO_SEED ?= 0
+# A mission in which TIAGo arrives; most with moving obstacles do not yet (docs/experiments.md).
+DEMO_REGION ?= 3
+DEMO_SEED ?= 4
 
 # The first Python that is new enough; override with `make PYTHON=/path/to/python3.12 ...`.
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
@@ -47,9 +49,9 @@ lock: ## pin the newest versions that fit pyproject.toml, resolved in a clean en
 
 demo: $(VENV)/.installed-sim ## one factory mission, recorded; ROBOT=go2 walks
 	@mkdir -p $(RUNS)
-	@echo "$(ROBOT) in factory region 4, 40 moving obstacles. The first run compiles the kernels: about a minute,"
+	@echo "$(ROBOT) in factory region $(DEMO_REGION), ten moving obstacles a quarter. The first run compiles the kernels: about a minute,"
 	@echo "which counts in its real-time factor."
-	$(BIN)/vuca run --world factory --region 4 --robot $(ROBOT) --seed $(DEMO_SEED) --record $(RUNS)/demo.rrd
+	$(BIN)/vuca run --world factory --region $(DEMO_REGION) --robot $(ROBOT) --seed $(DEMO_SEED) --record $(RUNS)/demo.rrd
 	@echo "The recording is $(RUNS)/demo.rrd. Open it with: $(BIN)/rerun $(RUNS)/demo.rrd"
 
 bench: $(VENV)/.installed-sim ## ratios against named references

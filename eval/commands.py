@@ -31,7 +31,7 @@ class RunArguments:
     method: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
     """A method's name (see vuca list methods); by default the best there is."""
     seed: int = 0
-    """Of the world, its moving obstacles, the sensors' noise and the method."""
+    """Of the world, its moving obstacles and the sensors' noise."""
     without: str = ""
     """Difficulties left out: V moving obstacles, U the map unknown, C corridors, A noise of the sensors."""
     movers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None

@@ -10,7 +10,8 @@ from tqdm import tqdm
 from eval.episode import EpisodeConfig
 from eval.runner import Crash, RunEpisode, key_of, provenance, run_episodes, run_one
 from eval.store import ResultStore, Row
-from eval.summary import statistics_of, summarise
+from eval.summary import is_result, statistics_of, summarise
+from vuca_nav.errors import BadArgument
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,13 +44,18 @@ def evaluate(
         BadArgument: The directory cannot be used for this evaluation.
     """
     asked = [config.row() for config in configs]
+    place = {key_of(row): i for i, row in enumerate(asked)}
     made_by = provenance()
     crashes: list[Crash] = []
     with ResultStore(out, identity, made_by) as store:
-        changed = [key for key, value in made_by.items() if store.made_by.get(key) != value]
-        if changed:
-            print(f"note: since {out} was begun, this has changed: {', '.join(changed)}", file=sys.stderr)
-        done = {key_of(row) for row in store.rows}
+        done: set[str] = set()
+        for number, row in enumerate(store.rows, start=1):
+            if key_of(row) not in place or key_of(row) in done or not is_result(row):
+                raise BadArgument(
+                    f"{out / 'episodes.jsonl'}:{number} is not a row of this evaluation, or there twice; "
+                    "remove the line, or choose another --out"
+                )
+            done.add(key_of(row))
         todo = [config for config in configs if key_of(config.row()) not in done]
         if done:
             print(f"{len(done)} of {len(configs)} episodes are there already", file=sys.stderr)
@@ -63,7 +69,6 @@ def evaluate(
                     store.append(result)
                 bar.set_postfix_str(_outcomes(store.rows), refresh=False)
                 bar.update()
-        place = {key_of(row): i for i, row in enumerate(asked)}
         rows = sorted(store.rows, key=lambda row: place[key_of(row)])
         groups, total = summarise(rows), statistics_of(rows)
         failures = [{"config": crash.config, "error": crash.error} for crash in crashes]

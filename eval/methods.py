@@ -4,8 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-
 from vuca_nav.errors import UnknownName
 from vuca_nav.mapping.slam import SlamConfig
 from vuca_nav.navigator import Navigator, NavigatorConfig
@@ -23,8 +21,6 @@ class StackRequest:
     localisation: Literal["slam", "odometry"]
     """"odometry" where the odometry is the true pose (``--without A``)."""
     telemetry: Telemetry
-    seed: np.random.SeedSequence
-    """The method's own randomness, if it has any."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from vuca_nav.geometry import compose, distance
 from vuca_nav.types import Pose2, Scan
 
+GOAL_TOLERANCE = 0.3
+"""How near the true position must come to the goal [m]."""
 RISK_RANGE = 0.6
 """Nearer than this is a risk [m]: the paper, R_o in Table I and S_risk in Section V."""
 RISK_CLAMP = 0.1
@@ -28,13 +30,16 @@ def risk_score(scan: Scan) -> float:
 def success_weighted_path_length(success: bool, shortest: float, path_length: float) -> float:
     """SPL of one episode (Anderson et al. 2018, "On Evaluation of Embodied Navigation Agents").
 
+    A start within the tolerance of its goal asks for no way at all: then any success is 1.
+
     Args:
         success: Whether the goal was reached.
         shortest: Length of the shortest way from start to goal [m].
         path_length: Length of the way taken [m].
     """
-    longest = max(shortest, path_length)
-    return (shortest / longest if longest > 0.0 else 1.0) if success else 0.0
+    if not success:
+        return 0.0
+    return 1.0 if shortest <= GOAL_TOLERANCE else shortest / max(shortest, path_length)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +57,9 @@ class Metrics:
     ansps: float
     """Average navigation score per step: the share of the straight-line distance covered, over the steps."""
     min_clearance: float
-    """Least true distance of the body to anything but the floor [m]."""
+    """Least true distance, in the plane, of the footprint to anything that stands or moves below the robot's height
+    [m]: of the prism over the footprint, as tall as the robot, which holds the body. A body narrower at some height
+    keeps farther off than this, and 0 need not be a contact."""
     slam_ate: float
     """Root mean square of the online estimate's position error over the episode [m]. Nothing is aligned: the
     start pose is given."""
@@ -68,7 +75,7 @@ class MetricsRecorder:
     """Accumulates the metrics of one episode in constant memory.
 
     Args:
-        start: True pose at the start; the stack is told the same.
+        start: Pose at the start, which the stack is told.
         goal: [m]
         shortest: Length of the shortest way [m].
     """
@@ -93,7 +100,7 @@ class MetricsRecorder:
             odom_from_base: Odometry at that moment, the identity at the start.
             true_pose: Where the robot truly was at that moment.
             estimate: Where the stack believed to be, from that scan and that odometry.
-            clearance: True distance to anything but the floor at that moment [m].
+            clearance: True distance of the footprint to anything but the floor at that moment [m].
         """
         self._steps += 1
         self._risk += risk_score(scan)

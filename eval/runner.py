@@ -133,10 +133,20 @@ def provenance() -> Row:
 
 
 def _commit() -> str | None:
-    """Of the checkout we run from; None if there is no checkout, or no git."""
-    command = ["git", "describe", "--always", "--dirty", "--abbrev=12"]
+    """Of the checkout we run from, ``-dirty`` if it was changed since; None if we run from none, or without git.
+
+    An installed package may lie in somebody else's checkout, in a virtual environment there for example.
+    """
+    root = Path(__file__).resolve().parents[1]
+    top = _git(root, "rev-parse", "--show-toplevel")
+    if top is None or Path(top).resolve() != root:
+        return None
+    return _git(root, "describe", "--always", "--dirty", "--abbrev=12")
+
+
+def _git(directory: Path, *arguments: str) -> str | None:
     try:
-        described = subprocess.run(command, cwd=Path(__file__).parent, capture_output=True, text=True, check=False)
+        result = subprocess.run(["git", *arguments], cwd=directory, capture_output=True, text=True, check=False)
     except FileNotFoundError:
         return None
-    return described.stdout.strip() or None
+    return result.stdout.strip() or None

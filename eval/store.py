@@ -22,19 +22,18 @@ class ResultStore:
     Args:
         directory: Made if it does not exist.
         config: What is run. A directory that holds another configuration is refused.
-        made_by: The versions that made it, kept beside the configuration but not compared.
+        made_by: The versions, the commit and the settings that make it. A directory that others began is refused.
 
     Raises:
         BadArgument: The directory cannot be written, belongs to another evaluation or is in use, or its rows
-            are not JSON.
+            are not JSON objects.
     """
 
     def __init__(self, directory: Path, config: Row, made_by: Row):
         self.directory = directory
         try:
             directory.mkdir(parents=True, exist_ok=True)
-            self.made_by = self._check_config(config, made_by)
-            """The versions that the rows began with."""
+            self._check_config(config, made_by)
             self._file = open(directory / "episodes.jsonl", "a+b", buffering=0)  # noqa: SIM115
         except OSError as error:
             raise BadArgument(f"cannot write {error.filename or directory}: {error.strerror}") from None
@@ -43,8 +42,12 @@ class ResultStore:
         except OSError:
             self._file.close()
             raise BadArgument(f"{directory} is being written by another vuca eval") from None
-        self._drop_torn_line()
-        self.rows: list[Row] = list(self._read())
+        try:
+            self._drop_torn_line()
+            self.rows: list[Row] = list(self._read())
+        except BadArgument:
+            self._file.close()
+            raise
 
     def __enter__(self) -> "ResultStore":
         """Nothing more to do: the constructor opened it."""
@@ -66,26 +69,28 @@ class ResultStore:
         _replace(self.directory / "episodes.jsonl", lines)
         _replace(self.directory / "summary.json", _pretty(summary))
 
-    def _check_config(self, config: Row, made_by: Row) -> Row:
+    def _check_config(self, config: Row, made_by: Row) -> None:
         path = self.directory / "config.json"
         if not path.exists():
             if (self.directory / "episodes.jsonl").exists():
                 raise BadArgument(f"{self.directory} has episodes but no config.json; choose an empty directory")
             _replace(path, _pretty({"config": config, "made_by": made_by}))
-            return made_by
+            return
         try:
             stored = json.loads(path.read_text())
-            known, known_made_by = stored["config"], stored["made_by"]
-        except (ValueError, KeyError, TypeError):
-            raise BadArgument(f"{path} is not the configuration of an evaluation") from None
-        wanted = json.loads(json.dumps(config))
-        for key in sorted({*known, *wanted}):
-            if known.get(key) != wanted.get(key):
+        except ValueError:
+            stored = None
+        known = [stored.get(part) for part in ("config", "made_by")] if isinstance(stored, dict) else [None]
+        if not all(isinstance(part, dict) for part in known):
+            raise BadArgument(f"{path} is not the configuration of an evaluation")
+        remedies = ("give the same arguments or another --out", "go on with the same code or choose another --out")
+        for begun, now, remedy in zip(known, (config, made_by), remedies, strict=True):
+            difference = _first_difference(begun, json.loads(json.dumps(now)))
+            if difference is not None:
+                key, before, after = difference
                 raise BadArgument(
-                    f"{self.directory} was begun with {key} = {json.dumps(known.get(key))}, not "
-                    f"{json.dumps(wanted.get(key))}; give the same arguments or another --out"
+                    f"{self.directory} was begun with {key} = {json.dumps(before)}, not {json.dumps(after)}; {remedy}"
                 )
-        return known_made_by
 
     def _drop_torn_line(self) -> None:
         """A kill in the middle of a write leaves a last line without its end."""
@@ -99,9 +104,28 @@ class ResultStore:
         self._file.seek(0)
         for number, line in enumerate(self._file.read().splitlines(), start=1):
             try:
-                yield json.loads(line)
+                row = json.loads(line, parse_constant=_refuse)
             except ValueError:
                 raise BadArgument(f"{self.directory / 'episodes.jsonl'}:{number} is not JSON") from None
+            if not isinstance(row, dict):
+                raise BadArgument(f"{self.directory / 'episodes.jsonl'}:{number} is not a row, which is an object")
+            yield row
+
+
+def _first_difference(a: Any, b: Any, key: str = "") -> tuple[str, Any, Any] | None:
+    """Where two pieces of JSON differ, by the path to it, and what each of them has there."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        for name in sorted({*a, *b}):
+            difference = _first_difference(a.get(name), b.get(name), f"{key}.{name}" if key else name)
+            if difference is not None:
+                return difference
+        return None
+    return None if a == b else (key, a, b)
+
+
+def _refuse(constant: str) -> None:
+    """NaN and infinities are not JSON."""
+    raise ValueError(constant)
 
 
 def _pretty(content: Row) -> str:

@@ -34,6 +34,13 @@ _COLUMNS = (
 )
 
 
+def is_result(row: Row) -> bool:
+    """Whether a row has what is summarised."""
+    return row.get("outcome") in OUTCOMES and all(
+        name in row and isinstance(row[name], (int, float, type(None))) for name in MEANS
+    )
+
+
 def summarise(rows: Sequence[Row]) -> list[Row]:
     """A summary for each group, the groups in order; the rows' order does not matter."""
     groups: dict[tuple, list[Row]] = {}

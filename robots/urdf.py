@@ -124,10 +124,6 @@ class Urdf:
         """``frame_from_link`` at the given joint positions (others at zero), (4, 4)."""
         return np.linalg.inv(self._root_from(frame, positions)) @ self._root_from(link, positions)
 
-    def descendants(self, link: str) -> list[str]:
-        """The link and all that hangs on it, in the order of the file."""
-        return [name for name in self.links if link in self._ancestry(name)]
-
     def fuse(self, frame: str, links: Iterable[str], positions: Mapping[str, float]) -> Inertia:
         """Several links frozen into one body at the given joint positions; in link ``frame``'s frame."""
         return combine(self.links[link].inertia.transformed(self.transform(frame, link, positions)) for link in links)
@@ -139,12 +135,6 @@ class Urdf:
         if joint is None:
             return np.eye(4)
         return self._root_from(joint.parent, positions) @ joint.transform(positions.get(joint.name, 0.0))
-
-    def _ancestry(self, link: str) -> list[str]:
-        chain = [link]
-        while (joint := self._joint_above.get(chain[-1])) is not None:
-            chain.append(joint.parent)
-        return chain
 
 
 def read_urdf(path: Path) -> Urdf:

@@ -112,6 +112,8 @@ lead through something that is there (not seen yet, or moving)? Was red ahead, a
 
 _FIELD_OF_VIEW = math.radians(55.0)
 """Vertical, of the viewer's camera: the default of re_view_spatial's orbital eye."""
+_NARROWEST = 0.85
+"""Width over height down to which the view from above still shows the whole scene; in a window of 16:10 it has 0.93."""
 
 
 def blueprint(bounds: Bounds | None) -> rrb.Blueprint:
@@ -181,7 +183,7 @@ def _eye_above(bounds: Bounds | None) -> rrb.EyeControls3D:
         return rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, tracking_entity="/map/estimate", eye_up=(0.0, 1.0, 0.0))
     x_min, y_min, x_max, y_max = bounds
     x, y = (x_min + x_max) / 2.0, (y_min + y_max) / 2.0
-    extent = max(x_max - x_min, y_max - y_min, 1.0)
+    extent = max((x_max - x_min) / _NARROWEST, y_max - y_min, 1.0)
     height = 0.53 * extent / math.tan(_FIELD_OF_VIEW / 2.0)
     return rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital, position=(x, y, height), look_target=(x, y, 0.0), eye_up=(0.0, 1.0, 0.0)

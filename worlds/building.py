@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import Generator
 
+from vuca_nav.errors import BadWorld
 from vuca_nav.types import Pose2
 from worlds.clearance import ClearanceField
 from worlds.generation import (
@@ -19,7 +20,7 @@ from worlds.generation import (
     stream,
     uniform,
 )
-from worlds.population import START_DISTANCE, person_body
+from worlds.population import LARGEST_FOOTPRINT, START_DISTANCE, person_body
 from worlds.world import Mover, Obstacle, SocialForce, World
 
 NAME = "building"
@@ -35,6 +36,8 @@ DOOR = (1.0, 1.4)
 """Clear width of a room's door [m]."""
 WALK_CLEARANCE = 0.42
 """Furniture keeps this far from the lines that people walk on [m]: a person's 0.33 m, and some."""
+PLACES_TRIED = 200
+"""For each person before the building counts as full; forty people find theirs in fewer than six each."""
 
 Point = tuple[float, float]
 
@@ -71,7 +74,7 @@ class FloorPlan:
     goal_room: int
 
 
-def building(seed: int, movers: int, footprint_radius: float) -> tuple[World, int]:
+def building(seed: int, movers: int, footprint_radius: float) -> World:
     """From the lobby to a far room, through a crowd that avoids walls, each other and the robot.
 
     Args:
@@ -79,8 +82,8 @@ def building(seed: int, movers: int, footprint_radius: float) -> tuple[World, in
         movers: How many people.
         footprint_radius: Of the body that must get through [m].
 
-    Returns:
-        The world, and how many of its first obstacles are outer walls.
+    Raises:
+        BadWorld: No solvable layout, or no room for as many people.
     """
     plans: list[FloorPlan] = []
 
@@ -89,9 +92,7 @@ def building(seed: int, movers: int, footprint_radius: float) -> tuple[World, in
         return _furnish(rng, plans[-1])
 
     layout, field = solvable_layout(NAME, seed, footprint_radius, draw)
-    people = _crowd(stream(NAME, seed, 1000), plans[-1], layout, field, movers, footprint_radius)
-    world = World(NAME, seed, layout.bounds, layout.obstacles, people, layout.start, layout.goal)
-    return world, len(layout.outer)
+    return layout.world(NAME, seed, _crowd(stream(NAME, seed, 1000), plans[-1], layout, field, movers))
 
 
 def _floor_plan(rng: Generator) -> FloorPlan:
@@ -181,7 +182,7 @@ def _furnish(rng: Generator, plan: FloorPlan) -> Layout:
     put(rectangle("block", 1.0, desk - 1.2, 1.7, desk + 1.2, 1.1), 1.3)
     bounds = (0.0, 0.0, LENGTH, DEPTH)
     start = Pose2(*plan.start, round(heading(plan.start, plan.entrance), 4))
-    return Layout(bounds, outer_walls(bounds), tuple(pieces), start, plan.rooms[plan.goal_room].middle)
+    return Layout(bounds, (*outer_walls(bounds), *pieces), start, plan.rooms[plan.goal_room].middle)
 
 
 def _route(rng: Generator, plan: FloorPlan) -> list[Point]:
@@ -203,11 +204,16 @@ def _route(rng: Generator, plan: FloorPlan) -> list[Point]:
     return route
 
 
-def _crowd(
-    rng: Generator, plan: FloorPlan, layout: Layout, field: ClearanceField, count: int, footprint_radius: float
-) -> tuple[Mover, ...]:
+def _crowd(rng: Generator, plan: FloorPlan, layout: Layout, field: ClearanceField, count: int) -> tuple[Mover, ...]:
     people: list[Mover] = []
+    tries = 0
     while len(people) < count:
+        tries += 1
+        if tries > PLACES_TRIED * count:
+            raise BadWorld(
+                f"{NAME}: no free place for person {len(people) + 1} of {count} in {tries - 1} tries; "
+                "fewer movers would be right"
+            )
         parts, radius = person_body(rng)
         radius = math.ceil(radius * 1e4) / 1e4
         route = _route(rng, plan)
@@ -216,7 +222,7 @@ def _crowd(
         share = rng.uniform(0.0, 0.9)
         x = round(route[0][0] + share * (route[1][0] - route[0][0]), 3)
         y = round(route[0][1] + share * (route[1][1] - route[0][1]), 3)
-        if math.dist((x, y), layout.start[:2]) < START_DISTANCE + radius + footprint_radius:
+        if math.dist((x, y), layout.start[:2]) < START_DISTANCE + radius + LARGEST_FOOTPRINT:
             continue
         if any(math.dist((x, y), p.start[:2]) < radius + p.radius + 0.2 for p in people):
             continue

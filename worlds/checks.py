@@ -1,14 +1,23 @@
 """What a world must fulfil beyond its format: free start and goal, movers in free places, a way to the goal."""
 
 import math
+from collections.abc import Sequence
 from itertools import pairwise
 
 from vuca_nav.errors import BadWorld
 from worlds.arrays import pack_shapes
 from worlds.clearance import ClearanceField, clearance_at, clearance_field, distance_to_wide_ways
-from worlds.generation import reachable_cells
 from worlds.population import MOVER_WAY, WAY_MARGIN
+from worlds.shortest_path import shortest_path_length
 from worlds.world import Box, Mover, Patrol, RandomWalk, Shape, World
+
+MAX_EXTENT = 200.0
+"""Of the bounds, each way [m]: what the grids of paths and movers are made for."""
+MIN_HEIGHT = 0.05
+"""Of the top of anything above the floor [m]. A body's hull may end above something lower, as TIAGo's at 0.023 m:
+touching it would go unnoticed."""
+START_MARGIN = 0.1
+"""Between the robot and a mover when an episode begins [m]."""
 
 
 def check_world(world: World, source: str = "") -> None:
@@ -19,14 +28,23 @@ def check_world(world: World, source: str = "") -> None:
         source: Named in front of each message, as a file's name.
 
     Raises:
-        BadWorld: Empty bounds; start or goal inside an obstacle or out of bounds; a mover that starts in an
-            obstacle, does not fit its own radius, patrols through a wall, or has no way 2.2 m wide to walk in.
+        BadWorld: Empty or endless bounds; something too low to be noticed; start or goal inside an obstacle or out of
+            bounds; a mover that starts in an obstacle, does not fit its own radius, patrols through a wall, or has no
+            way 2.2 m wide to walk in.
     """
     where = f"{source}: " if source else ""
     x0, y0, x1, y1 = world.bounds
     for low, high, axis in ((x0, x1, "x"), (y0, y1, "y")):
         if high <= low:
             raise BadWorld(f"{where}bounds.{axis}_max: {high:g} is not greater than {axis}_min, which is {low:g}")
+        if high - low > MAX_EXTENT:
+            raise BadWorld(
+                f"{where}bounds.{axis}_max: {high - low:g} m from {axis}_min; {MAX_EXTENT:g} m or less would be right"
+            )
+    for i, obstacle in enumerate(world.obstacles):
+        _check_height((obstacle.shape,), f"obstacles[{i}]", where)
+    for i, mover in enumerate(world.movers):
+        _check_height([part.shape for part in mover.parts], f"movers[{i}]", where)
     _check_place(world, "start", world.start[:2], 0.0, where)
     _check_place(world, "goal", world.goal, 0.0, where)
     if not world.movers:
@@ -43,7 +61,7 @@ def check_world(world: World, source: str = "") -> None:
             )
 
 
-def check_task(world: World, footprint_radius: float, source: str = "") -> None:
+def check_task(world: World, footprint_radius: float, source: str = "") -> float:
     """Refuse a world in which a body of this size cannot stand at the start, or cannot get to the goal.
 
     Args:
@@ -51,27 +69,54 @@ def check_task(world: World, footprint_radius: float, source: str = "") -> None:
         footprint_radius: Of the body [m].
         source: Named in front of each message.
 
+    Returns:
+        Length of the shortest way if nothing moved [m].
+
     Raises:
-        BadWorld: Start or goal is too near to an obstacle, or no way joins them, even if nothing moved.
+        BadWorld: Start or goal is too near to an obstacle or to the bounds, a mover is where the robot starts, or no
+            way joins start and goal, even if nothing moved.
     """
     where = f"{source}: " if source else ""
     _check_place(world, "start", world.start[:2], footprint_radius, where)
     _check_place(world, "goal", world.goal, footprint_radius, where)
-    field = clearance_field(world.obstacles, world.bounds, 0.05, max(1.0, footprint_radius + 0.1))
-    if not reachable_cells(field, world.start[:2], footprint_radius)[field.cell(*world.goal)]:
+    for i, mover in enumerate(world.movers):
+        gap = math.dist(mover.start[:2], world.start[:2]) - mover.radius - footprint_radius
+        if gap < START_MARGIN:
+            raise BadWorld(
+                f"{where}start: movers[{i}] (a {mover.kind}) begins at ({mover.start.x:g}, {mover.start.y:g}), "
+                f"{gap:.2f} m from the body; {START_MARGIN:g} m or more between them would be right"
+            )
+    length = shortest_path_length(world, footprint_radius)
+    if not math.isfinite(length):
         raise BadWorld(
             f"{where}goal: no way leads from the start to ({world.goal[0]:g}, {world.goal[1]:g}) for a body of "
             f"radius {footprint_radius:g} m; a wider passage or another goal would be right"
         )
+    return length
+
+
+def _check_height(shapes: Sequence[Shape], name: str, where: str) -> None:
+    """Something that a body notices when it touches it."""
+    top = max(shape.base + shape.height for shape in shapes)
+    if top < MIN_HEIGHT:
+        raise BadWorld(
+            f"{where}{name}: its top is {top:g} m above the floor, below the hull of a body; "
+            f"{MIN_HEIGHT:g} m or more would be right"
+        )
 
 
 def _check_place(world: World, name: str, point: tuple[float, float], radius: float, where: str) -> None:
-    """A point in the bounds and so far from every obstacle."""
+    """A point in the bounds, and so far from them and from every obstacle."""
     (x0, y0, x1, y1), (x, y) = world.bounds, point
     if not (x0 <= x <= x1 and y0 <= y <= y1):
         raise BadWorld(
             f"{where}{name}: ({x:g}, {y:g}) is out of bounds; x from {x0:g} to {x1:g} and y from {y0:g} to {y1:g} "
             "would be right"
+        )
+    to_bounds = min(x - x0, x1 - x, y - y0, y1 - y)
+    if to_bounds < radius:
+        raise BadWorld(
+            f"{where}{name}: ({x:g}, {y:g}) is {to_bounds:.2f} m from the bounds; {radius:g} m around it must be free"
         )
     distance, which = clearance_at(pack_shapes([o.shape for o in world.obstacles]), x, y)
     if distance > radius or which < 0:
@@ -80,7 +125,7 @@ def _check_place(world: World, name: str, point: tuple[float, float], radius: fl
     if distance == 0.0:
         raise BadWorld(f"{where}{name}: ({x:g}, {y:g}) is inside {obstacle}; a free place would be right")
     raise BadWorld(
-        f"{where}{name}: ({x:g}, {y:g}) is {distance:.2f} m from {obstacle}; the body needs {radius:g} m around it"
+        f"{where}{name}: ({x:g}, {y:g}) is {distance:.2f} m from {obstacle}; {radius:g} m around it must be free"
     )
 
 

@@ -18,27 +18,22 @@ WALL = 0.2
 """[m]"""
 
 
-def double_branch(seed: int, movers: int, footprint_radius: float) -> tuple[World, int]:
+def double_branch(seed: int, movers: int, footprint_radius: float) -> World:
     """A block with a way round either side; the movers keep to the shorter one, whose ends are narrow.
 
     Args:
         seed: Of the world; it also decides on which side the short branch is.
         movers: How many there are in the short branch.
         footprint_radius: Of the body that must get through [m].
-
-    Returns:
-        The world, and how many of its first obstacles are outer walls.
     """
     layout, field = solvable_layout(NAME, seed, footprint_radius, _layout)
     x0, y0, x1, y1 = layout.bounds
     middle = (x0 + x1) / 2
     short_side = (x0, y0, middle, y1) if layout.goal[0] < middle else (middle, y0, x1, y1)
     moving = walkers(
-        stream(NAME, seed, 1000), layout, field, movers, ("legs", "cylinder", "cart"), MOVER_SPEEDS,
-        footprint_radius, within=short_side,
-    )  # fmt: skip
-    world = World(NAME, seed, layout.bounds, layout.obstacles, moving, layout.start, layout.goal)
-    return world, len(layout.outer)
+        stream(NAME, seed, 1000), layout, field, movers, ("legs", "cylinder", "cart"), MOVER_SPEEDS, within=short_side
+    )
+    return layout.world(NAME, seed, moving)
 
 
 def _layout(rng: Generator) -> Layout:
@@ -67,4 +62,4 @@ def _layout(rng: Generator) -> Layout:
     start = across(start_x), round(WALL + HALLS / 2, 3)
     goal = across(goal_x), round(depth - WALL - HALLS / 2, 3)
     facing = Pose2(*start, round(heading(start, (across(0.0), start[1])), 4))
-    return Layout(bounds, outer_walls(bounds), tuple(interior), facing, goal)
+    return Layout(bounds, (*outer_walls(bounds), *interior), facing, goal)

@@ -4,7 +4,7 @@ from numpy.random import Generator
 
 from vuca_nav.types import Pose2
 from worlds.furnishing import blocks, closed_sections, furniture
-from worlds.generation import Layout, heading, rectangle, solvable_layout, stream
+from worlds.generation import Layout, heading, outer_wall, rectangle, solvable_layout, stream
 from worlds.lanes import HALF, HALL, MIDDLE_WALL
 from worlds.lattice import Lattice, draw_lattice
 from worlds.population import walkers
@@ -25,27 +25,22 @@ REGION_SIZE = {1: (HALF, HALF), 2: (HALL, HALF), 3: (HALL, HALL), 4: (HALL, HALL
 """Of the rectangle that holds a region's quarters [m]."""
 
 
-def factory(seed: int, region: int, footprint_radius: float) -> tuple[World, int]:
+def factory(seed: int, region: int, footprint_radius: float) -> World:
     """Region ``region`` of the factory: the first quarters, closed off from the others.
 
     Args:
         seed: Of the world.
         region: 1 to 4; the start is in the first quarter's near corner, the goal in the last one's far corner.
         footprint_radius: Of the body that must get through [m].
-
-    Returns:
-        The world, and how many of its first obstacles are outer walls.
     """
     layout, field = solvable_layout(NAME, seed, footprint_radius, lambda rng: _layout(rng, region), region)
     movers: tuple[Mover, ...] = ()
     for quarter in range(1, region + 1):
         movers += walkers(
             stream(NAME, seed, region, 1000 + quarter), layout, field, MOVERS_A_QUARTER,
-            ("cylinder", "cart", "legs"), MOVER_SPEEDS, footprint_radius,
-            within=QUARTER_BOUNDS[quarter], taken=movers,
+            ("cylinder", "cart", "legs"), MOVER_SPEEDS, within=QUARTER_BOUNDS[quarter], taken=movers,
         )  # fmt: skip
-    world = World(NAME, seed, layout.bounds, layout.obstacles, movers, layout.start, layout.goal)
-    return world, len(layout.outer)
+    return layout.world(NAME, seed, movers)
 
 
 def factory_lattice(seed: int, region: int, footprint_radius: float = 0.35) -> Lattice:
@@ -69,7 +64,8 @@ def _layout(rng: Generator, region: int) -> Layout | None:
 
 
 def _build(rng: Generator, plan: Lattice) -> Layout:
-    interior = [
+    obstacles = [
+        *_enclosure(plan.region),
         *_inner_walls(plan),
         *blocks(rng, plan),
         *closed_sections(rng, plan),
@@ -79,8 +75,7 @@ def _build(rng: Generator, plan: Lattice) -> Layout:
     facing = next(b for b in ((1, 0), (0, 1)) if frozenset((plan.start, b)) in plan.open_sections)
     return Layout(
         (0.0, 0.0, *REGION_SIZE[plan.region]),
-        _enclosure(plan.region),
-        tuple(interior),
+        tuple(obstacles),
         Pose2(round(start[0], 3), round(start[1], 3), heading(start, plan.point(facing))),
         (round(goal[0], 3), round(goal[1], 3)),
     )
@@ -91,19 +86,19 @@ def _enclosure(region: int) -> tuple[Obstacle, ...]:
     t, mid = MIDDLE_WALL, MIDDLE_WALL / 2
     if region == 3:
         return (
-            rectangle("wall", 0, 0, HALL, t),
-            rectangle("wall", HALL - t, t, HALL, HALL - t),
-            rectangle("wall", 0, t, t, HALF + mid),
-            rectangle("wall", t, HALF - mid, HALF + mid, HALF + mid),
-            rectangle("wall", HALF - mid, HALF + mid, HALF + mid, HALL),
-            rectangle("wall", HALF + mid, HALL - t, HALL, HALL),
+            outer_wall(0, 0, HALL, t),
+            outer_wall(HALL - t, t, HALL, HALL - t),
+            outer_wall(0, t, t, HALF + mid),
+            outer_wall(t, HALF - mid, HALF + mid, HALF + mid),
+            outer_wall(HALF - mid, HALF + mid, HALF + mid, HALL),
+            outer_wall(HALF + mid, HALL - t, HALL, HALL),
         )
     right, top = REGION_SIZE[region]
     return (
-        rectangle("wall", 0, 0, right, t),
-        rectangle("wall", 0, t, t, top),
-        rectangle("wall", right - (t if right == HALL else mid), t, right, top),
-        rectangle("wall", t, top - (t if top == HALL else mid), right, top),
+        outer_wall(0, 0, right, t),
+        outer_wall(0, t, t, top),
+        outer_wall(right - (t if right == HALL else mid), t, right, top),
+        outer_wall(t, top - (t if top == HALL else mid), right, top),
     )
 
 

@@ -1,4 +1,4 @@
-"""How many seeds of a world can be solved at all: ``python -m worlds.fairness factory --region 4 --seeds 100``."""
+"""How many seeds of a world can be solved at all: ``python -m worlds.fairness factory --region 4 --radius 0.285``."""
 
 import sys
 from collections.abc import Iterable
@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import tyro
 from tqdm import tqdm
 
-from worlds.reachability import reachable, shortest_path_length
+from worlds.reachability import reachable
 from worlds.registry import make_world
+from worlds.shortest_path import shortest_path_length, time_limit
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,28 +33,29 @@ def fairness(
     world: str,
     seeds: Iterable[int],
     *,
+    radius: float,
     region: int | None = None,
     movers: int | None = None,
-    radius: float = 0.27,
     v_max: float = 1.0,
     resolution: float = 0.2,
 ) -> Fairness:
-    """Space-time reachability over seeds, within an episode's time limit of 4 x shortest path / v_max + 60 s.
+    """Space-time reachability over seeds, within an episode's time limit: of the worlds that such a body gets.
 
     Args:
         world: Name of a world.
         seeds: Of the worlds.
+        radius: Of the disc, and of the body that the worlds are made for; the circle about TIAGo's footprint has
+            0.2843 m [m].
         region: Of the factory.
         movers: How many, for the worlds that take it.
-        radius: Of the disc; TIAGo's base has 0.27 m [m].
         v_max: TIAGo's is 1.0 m/s [m/s].
         resolution: Of the grid in space [m].
     """
     unsolved, times, lengths = [], [], []
     for seed in seeds:
-        scene = make_world(world, seed, region=region, movers=movers)
+        scene = make_world(world, seed, region=region, movers=movers, footprint_radius=radius)
         length = shortest_path_length(scene, radius)
-        result = reachable(scene, radius, v_max, 4.0 * length / v_max + 60.0, resolution)
+        result = reachable(scene, radius, v_max, time_limit(length, v_max), resolution)
         lengths.append(length)
         if result.reached:
             times.append(result.time)
@@ -64,6 +66,7 @@ def fairness(
 
 def main(
     world: tyro.conf.Positional[str],
+    radius: float,
     seeds: int = 100,
     region: int | None = None,
     movers: int | None = None,
@@ -73,13 +76,14 @@ def main(
 
     Args:
         world: Name of a world.
+        radius: Of the body, 0.285 for TIAGo [m].
         seeds: How many, from 0.
         region: Of the factory.
         movers: How many, for the worlds that take it.
         resolution: Of the grid in space [m].
     """
     progress = tqdm(range(seeds), file=sys.stderr)
-    result = fairness(world, progress, region=region, movers=movers, resolution=resolution)
+    result = fairness(world, progress, radius=radius, region=region, movers=movers, resolution=resolution)
     print(
         f"{world}: {len(result.times)} of {seeds} seeds can be solved; arrival at 1 m/s after "
         f"{sum(result.times) / max(len(result.times), 1):.1f} s on average over shortest paths of "

@@ -13,7 +13,7 @@ from vuca_nav.errors import BadWorld
 from vuca_nav.types import Pose2
 from worlds.arrays import pack_shapes
 from worlds.clearance import ClearanceField, clearance_at, clearance_field
-from worlds.world import Box, Cylinder, Obstacle, ObstacleKind
+from worlds.world import Box, Cylinder, Mover, Obstacle, ObstacleKind, World
 
 WALL_HEIGHT = 2.0
 """[m]"""
@@ -33,18 +33,16 @@ MAX_LAYOUTS = 20
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """A world without its movers. Outer obstacles stay when the corridors are taken away."""
+    """A world without its movers."""
 
     bounds: tuple[float, float, float, float]
-    outer: tuple[Obstacle, ...]
-    interior: tuple[Obstacle, ...]
+    obstacles: tuple[Obstacle, ...]
     start: Pose2
     goal: tuple[float, float]
 
-    @property
-    def obstacles(self) -> tuple[Obstacle, ...]:
-        """All of them, the outer ones first."""
-        return self.outer + self.interior
+    def world(self, name: str, seed: int, movers: tuple[Mover, ...] = ()) -> World:
+        """With its movers."""
+        return World(name, seed, self.bounds, self.obstacles, movers, self.start, self.goal)
 
 
 def stream(name: str, seed: int, *keys: int) -> Generator:
@@ -65,6 +63,11 @@ def rectangle(kind: ObstacleKind, x0: float, y0: float, x1: float, y1: float, he
     )
 
 
+def outer_wall(x0: float, y0: float, x1: float, y1: float) -> Obstacle:
+    """A wall of the enclosure."""
+    return Obstacle("wall", rectangle("wall", x0, y0, x1, y1).shape, outer=True)
+
+
 def pillar(x: float, y: float, radius: float, height: float = WALL_HEIGHT) -> Obstacle:
     """A round column."""
     return Obstacle("pillar", Cylinder(round(x, 4), round(y, 4), radius, height))
@@ -75,10 +78,10 @@ def outer_walls(bounds: tuple[float, float, float, float]) -> tuple[Obstacle, ..
     x0, y0, x1, y1 = bounds
     t = WALL_THICKNESS
     return (
-        rectangle("wall", x0, y0, x1, y0 + t),
-        rectangle("wall", x0, y1 - t, x1, y1),
-        rectangle("wall", x0, y0 + t, x0 + t, y1 - t),
-        rectangle("wall", x1 - t, y0 + t, x1, y1 - t),
+        outer_wall(x0, y0, x1, y0 + t),
+        outer_wall(x0, y1 - t, x1, y1),
+        outer_wall(x0, y0 + t, x0 + t, y1 - t),
+        outer_wall(x1 - t, y0 + t, x1, y1 - t),
     )
 
 

@@ -10,15 +10,18 @@ from scipy import ndimage
 from vuca_nav.errors import BadWorld
 from vuca_nav.types import Pose2
 from worlds.clearance import ClearanceField, distance_to_wide_ways
-from worlds.generation import Layout, reachable_cells, uniform
-from worlds.world import Box, Cylinder, Mover, MoverKind, MoverPart, RandomWalk
+from worlds.generation import Layout, reachable_cells, solvable_layout, stream, uniform
+from worlds.world import Box, Cylinder, Mover, MoverKind, MoverPart, RandomWalk, World
 
 MOVER_WAY = 2.2
 """Moving obstacles keep out of ways narrower than this [m]."""
 WAY_MARGIN = 0.08
 """Between a mover and the edge of its ways [m]; more than half the diagonal of a 0.1 m cell (0.071 m)."""
 START_DISTANCE = 2.0
-"""Free room around the robot's start [m]."""
+"""Free room between a mover and a robot at its start [m]."""
+LARGEST_FOOTPRINT = 0.5
+"""Circumscribed radius of the largest body that the worlds are made for [m]. Movers keep off the start for this one,
+whatever body drives: every body meets the same movers."""
 SMALLEST_WAY = 5.0
 """Movers start only where their ways extend at least this far: none is left to turn on the spot in a junction [m]."""
 
@@ -83,11 +86,10 @@ def walkers(
     count: int,
     kinds: tuple[MoverKind, ...],
     speeds: tuple[float, float],
-    footprint_radius: float,
     within: tuple[float, float, float, float] | None = None,
     taken: tuple[Mover, ...] = (),
 ) -> tuple[Mover, ...]:
-    """Movers that walk at random, each starting in a wide way that the robot can reach.
+    """Movers that walk at random, each starting in a wide way that the robot can reach, and 2 m off the robot.
 
     Args:
         rng: Where they come from.
@@ -96,7 +98,6 @@ def walkers(
         count: How many.
         kinds: In turn.
         speeds: Slowest and fastest [m/s].
-        footprint_radius: Of the robot; they start at least 2 m from its edge [m].
         within: Only start in this part of the bounds.
         taken: Movers already placed, to start apart from.
 
@@ -115,7 +116,7 @@ def walkers(
         kind = kinds[i % len(kinds)]
         parts, radius = BODIES[kind](rng)
         free = away_there <= MOVER_WAY / 2 - radius - WAY_MARGIN
-        keep_off = START_DISTANCE + radius + footprint_radius
+        keep_off = START_DISTANCE + radius + LARGEST_FOOTPRINT
         free &= np.hypot(points[:, 0] - layout.start.x, points[:, 1] - layout.start.y) >= keep_off
         for other in (*taken, *movers):
             free &= np.hypot(points[:, 0] - other.start.x, points[:, 1] - other.start.y) >= (
@@ -138,6 +139,29 @@ def walkers(
             )
         )
     return tuple(movers)
+
+
+def walked_ground(
+    name: str,
+    seed: int,
+    footprint_radius: float,
+    draw: Callable[[Generator], Layout | None],
+    movers: int,
+    speeds: tuple[float, float],
+) -> World:
+    """Open ground with walkers of every shape all over it.
+
+    Args:
+        name: Of the world; part of the seed.
+        seed: Of the world.
+        footprint_radius: Of the body that must get through [m].
+        draw: Makes a layout, or None if this draw came to nothing.
+        movers: How many.
+        speeds: Slowest and fastest [m/s].
+    """
+    layout, field = solvable_layout(name, seed, footprint_radius, draw)
+    kinds: tuple[MoverKind, ...] = ("cylinder", "box", "legs", "cart")
+    return layout.world(name, seed, walkers(stream(name, seed, 1000), layout, field, movers, kinds, speeds))
 
 
 def _long_ways(away: np.ndarray, resolution: float) -> np.ndarray:

@@ -8,17 +8,8 @@ from numba import njit
 
 from vuca_nav.errors import BadWorld
 from worlds.movers import TICK_RATE, MoverField
-from worlds.shortest_path import Occupancy, occupancy, shortest_path, shortest_path_length
+from worlds.shortest_path import occupancy
 from worlds.world import World
-
-__all__ = [
-    "Occupancy",
-    "ReachabilityResult",
-    "occupancy",
-    "reachable",
-    "shortest_path",
-    "shortest_path_length",
-]
 
 
 class ReachabilityResult(NamedTuple):

@@ -7,7 +7,7 @@ from vuca_nav.errors import BadArgument, UnknownName
 from worlds import building, double_branch, factory, square, training
 from worlds.checks import check_task
 from worlds.scene_file import load_scene
-from worlds.world import Obstacle, World
+from worlds.world import World
 
 DIFFICULTIES = {
     "V": "volatile: things move",
@@ -15,7 +15,7 @@ DIFFICULTIES = {
     "C": "complex: corridors and dead ends",
     "A": "ambiguous: pose and ranges are noisy",
 }
-"""What ``without`` can switch off; V and C are the world's, U and A the robot's."""
+"""What ``without`` can switch off, in its order; V and C are the world's, U and A the robot's."""
 SCENE_SUFFIXES = (".yaml", ".yml")
 CORRIDOR_KINDS = ("wall", "block", "shelf")
 
@@ -24,8 +24,8 @@ CORRIDOR_KINDS = ("wall", "block", "shelf")
 class WorldKind:
     """A generator and what it takes."""
 
-    generate: Callable[..., tuple[World, int]]
-    """From (seed, footprint_radius, and the option) to a world and how many of its first obstacles are outer."""
+    generate: Callable[..., World]
+    """From (seed, footprint_radius, and the option) to a world."""
     description: str
     option: str = ""
     """Name of the one option it takes: "region", "movers" or none."""
@@ -82,8 +82,8 @@ def make_world(
         seed: Non-negative; the same seed is the same world. A scene file is what it is whatever the seed.
         region: Of the factory, 1 to 4.
         movers: How many moving obstacles, for the worlds that take it.
-        without: Difficulties to switch off, letters of "VUCA". V: nothing moves. C: interior walls, blocks and
-            shelves are gone. U and A are for the robot and change nothing here.
+        without: Difficulties to switch off, letters of "VUCA". V: nothing moves. C: walls, blocks and shelves
+            are gone, but for the outer ones. U and A are for the robot and change nothing here.
         footprint_radius: Of the body that must be able to reach the goal [m].
 
     Raises:
@@ -91,16 +91,13 @@ def make_world(
         BadArgument: An option out of its range, or one that this world does not take.
         BadWorld: A broken scene file, or no solvable layout for this body.
     """
-    _check(seed, without, footprint_radius)
+    without = ordered_difficulties(without)
+    _check(seed, movers, without, footprint_radius)
     options = {"region": region, "movers": movers}
-    if name.endswith(SCENE_SUFFIXES):
+    is_scene = name.endswith(SCENE_SUFFIXES)
+    if is_scene:
         _refuse(name, options, "")
         world = load_scene(name)
-        check_task(world, footprint_radius, name)
-        outer = sum(_is_outer(obstacle, world.bounds) for obstacle in world.obstacles)
-        ordered = sorted(world.obstacles, key=lambda obstacle: not _is_outer(obstacle, world.bounds))
-        if "C" in without:
-            world = replace(world, obstacles=tuple(ordered))
     elif name in WORLDS:
         kind = WORLDS[name]
         _refuse(name, options, kind.option)
@@ -111,24 +108,36 @@ def make_world(
             if not kind.lowest <= value <= kind.highest:
                 raise BadArgument(f"--{kind.option} {value}: {name} takes {kind.lowest} to {kind.highest}")
             chosen[kind.option] = value
-        world, outer = kind.generate(seed=seed, footprint_radius=footprint_radius, **chosen)
+        world = kind.generate(seed=seed, footprint_radius=footprint_radius, **chosen)
     else:
         raise UnknownName("world", name, WORLDS)
     if "V" in without:
         world = replace(world, movers=())
     if "C" in without:
-        inner = (o for o in world.obstacles[outer:] if o.kind not in CORRIDOR_KINDS)
-        world = replace(world, obstacles=(*world.obstacles[:outer], *inner))
+        world = replace(world, obstacles=tuple(o for o in world.obstacles if o.outer or o.kind not in CORRIDOR_KINDS))
+    if is_scene:
+        check_task(world, footprint_radius, name)
     return world
 
 
-def _check(seed: int, without: str, footprint_radius: float) -> None:
-    if seed < 0:
-        raise BadArgument(f"--seed {seed}: a seed is 0 or more")
-    unknown = sorted(set(without) - set(DIFFICULTIES))
+def ordered_difficulties(without: str) -> str:
+    """The same letters in the order of ``DIFFICULTIES``, each once.
+
+    Raises:
+        BadArgument: A letter is not one of them.
+    """
+    unknown = [letter for letter in without if letter not in DIFFICULTIES]
     if unknown:
         known = ", ".join(f"{letter} ({text})" for letter, text in DIFFICULTIES.items())
-        raise BadArgument(f"--without {without}: no difficulty {unknown[0]!r}; there are {known}")
+        raise BadArgument(f"--without {without}: unknown difficulty {unknown[0]!r}; there are {known}")
+    return "".join(letter for letter in DIFFICULTIES if letter in without)
+
+
+def _check(seed: int, movers: int | None, without: str, footprint_radius: float) -> None:
+    if seed < 0:
+        raise BadArgument(f"--seed {seed}: a seed is 0 or more")
+    if movers is not None and "V" in without:
+        raise BadArgument(f"--movers {movers} does not go with --without V, which leaves all of them out; give one")
     if not 0.0 < footprint_radius < 5.0:
         raise BadArgument(f"footprint radius {footprint_radius:g} m: one between 0 and 5 m would be right")
 
@@ -138,12 +147,3 @@ def _refuse(name: str, options: dict[str, int | None], taken: str) -> None:
         if value is not None and option != taken:
             takers = [world for world, kind in WORLDS.items() if kind.option == option]
             raise BadArgument(f"--{option}: {name} does not take it (only {', '.join(takers)})")
-
-
-def _is_outer(obstacle: Obstacle, bounds: tuple[float, float, float, float]) -> bool:
-    """Whether a wall of a scene file stands along the bounds."""
-    if obstacle.kind != "wall":
-        return False
-    x, y = obstacle.shape.x, obstacle.shape.y
-    x0, y0, x1, y1 = bounds
-    return min(abs(x - x0), abs(x1 - x), abs(y - y0), abs(y1 - y)) <= 0.3

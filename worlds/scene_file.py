@@ -36,6 +36,7 @@ TYPE_NAMES = {
     "number": "a number",
     "integer": "an integer",
     "string": "a text",
+    "boolean": "true or false",
 }
 
 
@@ -83,6 +84,25 @@ def save_scene(world: World, path: str | Path) -> None:
 # -- reading -------------------------------------------------------------------------------------------------------
 
 
+_SafeLoader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class _Loader(_SafeLoader):
+    """YAML's safe types, every key once: of two equal ones PyYAML silently takes the last."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
+        """As in the base, and raises ConstructorError for a key that is there already."""
+        seen: set[tuple[str, str]] = set()
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode):
+                if (key.tag, key.value) in seen:
+                    raise yaml.constructor.ConstructorError(
+                        None, None, f"the key {key.value!r} a second time; once would be right", key.start_mark
+                    )
+                seen.add((key.tag, key.value))
+        return super().construct_mapping(node, deep)
+
+
 def _read(path: str | Path) -> Any:
     try:
         text = Path(path).read_text(encoding="utf-8")
@@ -91,7 +111,7 @@ def _read(path: str | Path) -> Any:
     except UnicodeDecodeError as error:
         raise BadWorld(f"{path}: not a text in UTF-8 (byte {error.start})") from error
     try:
-        return yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+        return yaml.load(text, Loader=_Loader)
     except yaml.YAMLError as error:
         mark, problem = getattr(error, "problem_mark", None), getattr(error, "problem", None) or str(error)
         place = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
@@ -176,7 +196,7 @@ def _world_from(d: dict) -> World:
         d["name"],
         int(d["seed"]),
         (float(b["x_min"]), float(b["y_min"]), float(b["x_max"]), float(b["y_max"])),
-        tuple(Obstacle(o["kind"], _shape_from(o["shape"])) for o in d["obstacles"]),
+        tuple(Obstacle(o["kind"], _shape_from(o["shape"]), o.get("outer", False)) for o in d["obstacles"]),
         tuple(_mover_from(m) for m in d["movers"]),
         _pose_from(d["start"]),
         _point_from(d["goal"]),
@@ -203,6 +223,11 @@ def _shape(shape: Shape) -> dict:
     return d
 
 
+def _obstacle(obstacle: Obstacle) -> dict:
+    d = {"kind": obstacle.kind, "shape": _shape(obstacle.shape)}
+    return {**d, "outer": True} if obstacle.outer else d
+
+
 def _motion(motion: Motion) -> dict:
     if isinstance(motion, RandomWalk):
         return {"type": "random_walk", "speed": float(motion.speed), "seed": int(motion.seed)}
@@ -226,7 +251,7 @@ def _document_of(world: World) -> dict:
         "bounds": dict(zip(("x_min", "y_min", "x_max", "y_max"), map(float, world.bounds))),
         "start": _pose(world.start),
         "goal": _point(world.goal),
-        "obstacles": [{"kind": o.kind, "shape": _shape(o.shape)} for o in world.obstacles],
+        "obstacles": [_obstacle(o) for o in world.obstacles],
         "movers": [
             {
                 "kind": m.kind,

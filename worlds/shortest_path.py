@@ -47,6 +47,24 @@ def occupancy(world: World, resolution: float = 0.1, inflation: float = 0.0) -> 
     return Occupancy(field.distance < max(inflation, 1e-9), field.origin, resolution)
 
 
+RESOLUTIONS = (0.1, 0.05)
+"""Of the grids that ways are looked for on; the finer one only where the coarser has none [m]."""
+TIMEOUT_FACTOR = 4.0
+"""Of the time that the shortest way takes at full speed."""
+TIMEOUT_SLACK = 60.0
+"""[s]"""
+
+
+def time_limit(shortest: float, v_max: float) -> float:
+    """Of an episode [s]: four shortest ways at full speed, and a minute.
+
+    Args:
+        shortest: Length of the shortest way if nothing moved [m].
+        v_max: The body's greatest speed [m/s].
+    """
+    return TIMEOUT_FACTOR * shortest / v_max + TIMEOUT_SLACK
+
+
 STEPS = np.array(
     [(i, j) for i in range(-2, 3) for j in range(-2, 3) if abs(i) + abs(j) in (1, 3) or abs(i) == abs(j) == 1]
 )
@@ -161,36 +179,56 @@ def _pull_tight(blocked, path):
     return kept[:count]
 
 
-def shortest_path(world: World, radius: float, resolution: float = 0.1) -> FloatArray:
+def shortest_path(world: World, radius: float) -> FloatArray:
     """The shortest way of a disc from start to goal if nothing moved, (n, 2) [m]; empty if there is none.
 
     A* over 16 neighbours, pulled tight by lines of sight: an any-angle path, within about 1% of the true shortest.
+    This is also what "can be reached" means. A way that leaves less than half a cell of ``RESOLUTIONS`` beside the
+    disc may be missed.
 
     Args:
-        world: Any.
+        world: Any whose start and goal have room for the disc.
         radius: Of the disc [m].
-        resolution: Of the grid [m].
     """
+    for resolution in RESOLUTIONS:
+        path = _path_on_grid(world, radius, resolution)
+        if len(path):
+            break
+    return path
+
+
+def shortest_path_length(world: World, radius: float) -> float:
+    """Length of :func:`shortest_path` [m]; ``inf`` if there is none."""
+    points = shortest_path(world, radius)
+    return float(np.hypot(*np.diff(points, axis=0).T).sum()) if len(points) else math.inf
+
+
+def _path_on_grid(world: World, radius: float, resolution: float) -> FloatArray:
     grid = occupancy(world, resolution, radius)
-    start, goal = grid.cell(*world.start[:2]), grid.cell(*world.goal)
-    if grid.blocked[start] or grid.blocked[goal]:
+    start, goal = _free_cell(grid, world.start[:2]), _free_cell(grid, world.goal)
+    if start is None or goal is None:
         return np.empty((0, 2))
     cells = _grid_path(grid.blocked, STEPS, start, goal)
     if len(cells) == 0:
         return np.empty((0, 2))
     cells = cells[::-1]
     cells = cells[_pull_tight(grid.blocked, np.ascontiguousarray(cells))]
-    points: FloatArray = np.empty((len(cells), 2))
-    points[:] = (cells[:, ::-1] + 0.5) * resolution + grid.origin
+    points: FloatArray = np.empty((max(len(cells), 2), 2))
+    points[: len(cells)] = (cells[:, ::-1] + 0.5) * resolution + grid.origin
     points[0], points[-1] = world.start[:2], world.goal
     return points
 
 
-def shortest_path_length(world: World, radius: float, resolution: float = 0.1) -> float:
-    """Length of :func:`shortest_path` [m]; ``inf`` if there is none."""
-    points = shortest_path(world, radius, resolution)
-    if len(points) == 0:
-        return math.inf
-    if len(points) == 1:
-        return math.dist(world.start[:2], world.goal)
-    return float(np.hypot(*np.diff(points, axis=0).T).sum())
+def _free_cell(grid: Occupancy, point: tuple[float, float]) -> tuple[int, int] | None:
+    """The point's own cell, or the nearest free one around it: a free point may lie in a cell with a blocked centre."""
+    own = grid.cell(*point)
+    if not grid.blocked[own]:
+        return own
+    rows, columns = grid.blocked.shape
+    around = [
+        (row, column)
+        for row in range(max(own[0] - 1, 0), min(own[0] + 2, rows))
+        for column in range(max(own[1] - 1, 0), min(own[1] + 2, columns))
+        if not grid.blocked[row, column]
+    ]
+    return min(around, key=lambda cell: math.dist(grid.centre(*cell), point), default=None)

@@ -5,8 +5,8 @@ import math
 from numpy.random import Generator
 
 from vuca_nav.types import Pose2
-from worlds.generation import Layout, heading, outer_walls, solvable_layout, stream, uniform
-from worlds.population import walkers
+from worlds.generation import Layout, heading, outer_walls, uniform
+from worlds.population import walked_ground
 from worlds.scatter import Ground, roadblock
 from worlds.world import World
 
@@ -28,22 +28,15 @@ KEEP_FREE = 1.5
 """Around start and goal [m]."""
 
 
-def square(seed: int, movers: int, footprint_radius: float) -> tuple[World, int]:
+def square(seed: int, movers: int, footprint_radius: float) -> World:
     """A plaza crossed from one corner to the opposite one, through everything that moves on it.
 
     Args:
         seed: Of the world.
         movers: How many.
         footprint_radius: Of the body that must get through [m].
-
-    Returns:
-        The world, and how many of its first obstacles are outer walls.
     """
-    layout, field = solvable_layout(NAME, seed, footprint_radius, _layout)
-    kinds = ("cylinder", "box", "legs", "cart")
-    moving = walkers(stream(NAME, seed, 1000), layout, field, movers, kinds, MOVER_SPEEDS, footprint_radius)
-    world = World(NAME, seed, layout.bounds, layout.obstacles, moving, layout.start, layout.goal)
-    return world, len(layout.outer)
+    return walked_ground(NAME, seed, footprint_radius, _layout, movers, MOVER_SPEEDS)
 
 
 def _layout(rng: Generator) -> Layout | None:
@@ -66,5 +59,5 @@ def _layout(rng: Generator) -> Layout | None:
         ground.add(roadblock(rng, x, y))
         if len(ground.pieces) == ROADBLOCKS:
             facing = Pose2(*start, round(heading(start, goal), 4))
-            return Layout(bounds, outer_walls(bounds), tuple(ground.pieces), facing, goal)
+            return Layout(bounds, (*outer_walls(bounds), *ground.pieces), facing, goal)
     return None

@@ -5,8 +5,8 @@ import math
 from numpy.random import Generator
 
 from vuca_nav.types import Pose2
-from worlds.generation import Layout, heading, outer_walls, solvable_layout, stream
-from worlds.population import walkers
+from worlds.generation import Layout, heading, outer_walls, solvable_layout
+from worlds.population import walked_ground
 from worlds.scatter import Ground, partition, roadblock
 from worlds.world import World
 
@@ -27,37 +27,26 @@ SHORTEST_TASK = 8.0
 """From start to goal [m]."""
 
 
-def static(seed: int, footprint_radius: float) -> tuple[World, int]:
+def static(seed: int, footprint_radius: float) -> World:
     """Walls and roadblocks; nothing moves.
 
     Args:
         seed: Of the world.
         footprint_radius: Of the body that must get through [m].
-
-    Returns:
-        The world, and how many of its first obstacles are outer walls.
     """
     layout, _ = solvable_layout(STATIC, seed, footprint_radius, lambda rng: _layout(rng, WALLS, ROADBLOCKS))
-    world = World(STATIC, seed, layout.bounds, layout.obstacles, (), layout.start, layout.goal)
-    return world, len(layout.outer)
+    return layout.world(STATIC, seed)
 
 
-def dynamic(seed: int, movers: int, footprint_radius: float) -> tuple[World, int]:
+def dynamic(seed: int, movers: int, footprint_radius: float) -> World:
     """Open ground on which many shapes walk at random.
 
     Args:
         seed: Of the world.
         movers: How many.
         footprint_radius: Of the body that must get through [m].
-
-    Returns:
-        The world, and how many of its first obstacles are outer walls.
     """
-    layout, field = solvable_layout(DYNAMIC, seed, footprint_radius, lambda rng: _layout(rng, 0, 0))
-    kinds = ("cylinder", "box", "legs", "cart")
-    moving = walkers(stream(DYNAMIC, seed, 1000), layout, field, movers, kinds, MOVER_SPEEDS, footprint_radius)
-    world = World(DYNAMIC, seed, layout.bounds, layout.obstacles, moving, layout.start, layout.goal)
-    return world, len(layout.outer)
+    return walked_ground(DYNAMIC, seed, footprint_radius, lambda rng: _layout(rng, 0, 0), movers, MOVER_SPEEDS)
 
 
 def _layout(rng: Generator, walls: int, roadblocks: int) -> Layout | None:
@@ -76,4 +65,4 @@ def _layout(rng: Generator, walls: int, roadblocks: int) -> Layout | None:
             if len(ground.pieces) < wanted:
                 return None
     facing = Pose2(*start, round(heading(start, goal), 4))
-    return Layout(bounds, outer_walls(bounds), tuple(ground.pieces), facing, goal)
+    return Layout(bounds, (*outer_walls(bounds), *ground.pieces), facing, goal)

@@ -57,6 +57,8 @@ class Obstacle:
 
     kind: ObstacleKind
     shape: Shape
+    outer: bool = False
+    """Whether it belongs to the enclosure, which stays when the corridors are taken away."""
 
 
 @dataclass(frozen=True, slots=True)

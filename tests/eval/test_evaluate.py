@@ -1,9 +1,10 @@
 import json
+import subprocess
 
 import pytest
 
 from eval.evaluate import evaluate
-from eval.runner import Crash, run_episodes
+from eval.runner import Crash, provenance, run_episodes
 from eval.suites import SUITES, episodes_of, find_suite, parse_seeds
 from eval.summary import statistics_of, summarise, table
 from tests.eval import jobs
@@ -125,3 +126,50 @@ def test_seeds():
     for junk in ("junk", "3", "3:", ":7", "7:3", "3:3", "-1:3", "0:2:1"):
         with pytest.raises(BadArgument, match="A:B"):
             parse_seeds(junk)
+
+
+@pytest.mark.parametrize("spoil", ["other", "twice", "no outcome", "no number"])
+def test_a_row_that_is_not_of_this_evaluation_is_named(spoil, tmp_path):
+    evaluate(IDENTITY, CONFIGS[:3], tmp_path, workers=1, job=jobs.episode_by_hash)
+    path = tmp_path / "episodes.jsonl"
+    rows = [json.loads(line) for line in path.read_text().splitlines()]
+    rows[1] = {
+        "other": {"a": 1},
+        "twice": rows[0],
+        "no outcome": {**rows[1], "outcome": "fame"},
+        "no number": {**rows[1], "spl": "much"},
+    }[spoil]
+    path.write_text("".join(f"{json.dumps(row)}\n" for row in rows))
+    with pytest.raises(BadArgument, match=r"episodes\.jsonl:2 is not a row of this evaluation"):
+        evaluate(IDENTITY, CONFIGS[:3], tmp_path, workers=1, job=jobs.episode_by_hash)
+
+
+def test_other_code_does_not_go_on_with_our_rows(tmp_path, monkeypatch):
+    evaluate(IDENTITY, CONFIGS[:2], tmp_path, workers=1, job=jobs.episode_by_hash)
+    ours = provenance()
+    monkeypatch.setattr("eval.evaluate.provenance", lambda: {**ours, "commit": "fedcba987654"})
+    with pytest.raises(BadArgument, match=r"begun with commit = .*, not \"fedcba987654\""):
+        evaluate(IDENTITY, CONFIGS[:2], tmp_path, workers=1, job=jobs.episode_by_hash)
+
+
+def git(directory, *arguments):
+    command = ["git", "-c", "user.name=a", "-c", "user.email=a@b.c", *arguments]
+    subprocess.run(command, cwd=directory, check=True, capture_output=True)
+
+
+def test_the_commit_is_ours_not_that_of_a_repository_around_us(tmp_path, monkeypatch):
+    git(tmp_path, "init")
+    package = tmp_path / "eval"
+    package.mkdir()
+    (package / "runner.py").write_text("")
+    git(tmp_path, "add", ".")
+    git(tmp_path, "commit", "-m", "first")
+    monkeypatch.setattr("eval.runner.__file__", str(package / "runner.py"))
+    commit = provenance()["commit"]
+    assert len(commit) == 12
+    (package / "runner.py").write_text("changed")
+    assert provenance()["commit"] == f"{commit}-dirty"
+    installed = tmp_path / ".venv" / "lib" / "site-packages" / "eval"
+    installed.mkdir(parents=True)
+    monkeypatch.setattr("eval.runner.__file__", str(installed / "runner.py"))
+    assert provenance()["commit"] is None

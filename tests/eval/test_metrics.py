@@ -41,7 +41,12 @@ def test_spl():
     assert success_weighted_path_length(False, 10.0, 10.0) == 0.0
     # A way shorter than the reference, which is planned on a grid, is not rewarded beyond 1.
     assert success_weighted_path_length(True, 10.0, 9.0) == 1.0
+    # Where no way is asked for, any success is 1: the robot may have moved a little before it was judged.
     assert success_weighted_path_length(True, 0.0, 0.0) == 1.0
+    assert success_weighted_path_length(True, 0.0, 0.02) == 1.0
+    assert success_weighted_path_length(True, 0.3, 0.4) == 1.0
+    assert success_weighted_path_length(True, 0.4, 0.5) == pytest.approx(0.8)
+    assert success_weighted_path_length(False, 0.0, 0.0) == 0.0
 
 
 def test_recorder_by_hand():

@@ -35,9 +35,10 @@ def test_a_broken_line_in_the_middle_is_named(tmp_path):
     with ResultStore(tmp_path, CONFIG, VERSIONS) as store:
         store.append({"seed": 0})
     path = tmp_path / "episodes.jsonl"
-    path.write_text('{"seed": 0}\n{"seed"\n{"seed": 2}\n')
-    with pytest.raises(BadArgument, match=r"episodes\.jsonl:2 is not JSON"):
-        ResultStore(tmp_path, CONFIG, VERSIONS)
+    for broken in ('{"seed"', '{"seed": NaN}'):
+        path.write_text(f'{{"seed": 0}}\n{broken}\n{{"seed": 2}}\n')
+        with pytest.raises(BadArgument, match=r"episodes\.jsonl:2 is not JSON"):
+            ResultStore(tmp_path, CONFIG, VERSIONS)
 
 
 def test_another_configuration_is_refused_and_nothing_is_changed(tmp_path):
@@ -49,10 +50,24 @@ def test_another_configuration_is_refused_and_nothing_is_changed(tmp_path):
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
-def test_the_versions_may_differ_and_the_first_are_kept(tmp_path):
-    ResultStore(tmp_path, CONFIG, VERSIONS).__exit__()
-    with ResultStore(tmp_path, CONFIG, {"vuca-nav": "0.2.0"}) as store:
-        assert store.made_by == VERSIONS
+@pytest.mark.parametrize(
+    ("changed", "text"),
+    [
+        ({"vuca-nav": "0.2.0"}, 'begun with vuca-nav = "0.1.0", not "0.2.0"'),
+        ({"commit": "0123456789ab-dirty"}, 'begun with commit = "0123456789ab", not "0123456789ab-dirty"'),
+        ({"commit": None}, 'begun with commit = "0123456789ab", not null'),
+        ({"navigator": {"slam": {"beams": 90}}}, "begun with navigator.slam.beams = 60, not 90"),
+        ({"noise": {}}, "begun with noise.sigma = 0.01, not null"),
+    ],
+)
+def test_other_code_or_settings_are_refused(changed, text, tmp_path):
+    made_by = {**VERSIONS, "commit": "0123456789ab", "navigator": {"slam": {"beams": 60}}, "noise": {"sigma": 0.01}}
+    ResultStore(tmp_path, CONFIG, made_by).__exit__()
+    ResultStore(tmp_path, CONFIG, made_by).__exit__()
+    with pytest.raises(BadArgument) as refused:
+        ResultStore(tmp_path, CONFIG, {**made_by, **changed})
+    assert text in str(refused.value)
+    assert "go on with the same code" in str(refused.value)
 
 
 def test_rows_without_a_configuration_are_not_mixed_with_ours(tmp_path):
@@ -61,8 +76,22 @@ def test_rows_without_a_configuration_are_not_mixed_with_ours(tmp_path):
         ResultStore(tmp_path, CONFIG, VERSIONS)
 
 
-def test_a_broken_configuration_is_named(tmp_path):
-    (tmp_path / "config.json").write_text("[1, 2")
+@pytest.mark.parametrize("line", ["[]", "7", "null"])
+def test_a_line_that_is_no_row_is_named(line, tmp_path):
+    ResultStore(tmp_path, CONFIG, VERSIONS).__exit__()
+    (tmp_path / "episodes.jsonl").write_text(f'{{"seed": 0}}\n{line}\n')
+    with pytest.raises(BadArgument, match=r"episodes\.jsonl:2 is not a row"):
+        ResultStore(tmp_path, CONFIG, VERSIONS)
+    with pytest.raises(BadArgument, match=r"episodes\.jsonl:2 is not a row"):  # the lock was let go
+        ResultStore(tmp_path, CONFIG, VERSIONS)
+
+
+@pytest.mark.parametrize(
+    "content",
+    ["[1, 2", "[]", "{}", '{"config": [], "made_by": {}}', '{"config": {}, "made_by": 3}', '{"config": {}}'],
+)
+def test_a_broken_configuration_is_named(content, tmp_path):
+    (tmp_path / "config.json").write_text(content)
     with pytest.raises(BadArgument, match=r"config\.json is not the configuration"):
         ResultStore(tmp_path, CONFIG, VERSIONS)
 

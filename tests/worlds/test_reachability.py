@@ -2,14 +2,21 @@
 
 import math
 
+import numpy as np
 import pytest
 
+import worlds.fairness
 from vuca_nav.errors import BadWorld
 from vuca_nav.types import Pose2
 from worlds import make_world
+from worlds.checks import check_task
 from worlds.fairness import fairness
-from worlds.reachability import occupancy, reachable, shortest_path, shortest_path_length
+from worlds.reachability import reachable
+from worlds.shortest_path import occupancy, shortest_path, shortest_path_length, time_limit
 from worlds.world import Box, Cylinder, Mover, MoverPart, Obstacle, Patrol, World
+
+TIAGO = 0.285
+"""Radius that holds TIAGo's footprint [m]."""
 
 
 def hall(*obstacles, movers=(), start=(2.1, 5.1), goal=(18.1, 5.1)):
@@ -59,6 +66,75 @@ def test_no_shortest_path_through_a_gap_that_is_too_narrow():
     world = hall(*wall_with_gap(10.0, 4.6, 5.4))
     assert shortest_path_length(world, 0.3) < 17.0
     assert shortest_path_length(world, 0.5) == math.inf
+
+
+def test_what_can_be_reached_has_a_finite_length():
+    """One predicate: wherever the goal, and however wide the gap, a task is refused or has a length."""
+    accepted = refused = 0
+    for width in np.arange(0.5, 0.8, 0.02):
+        for shift in (0.0, 0.02, 0.05):
+            world = hall(*wall_with_gap(10.0, 5.0 + shift - width / 2, 5.0 + shift + width / 2))
+            if math.isfinite(shortest_path_length(world, TIAGO)):
+                assert 16.0 <= check_task(world, TIAGO) < 17.0
+                accepted += 1
+            else:
+                with pytest.raises(BadWorld, match="goal: no way leads"):
+                    check_task(world, TIAGO)
+                assert width < 2 * TIAGO + 0.1
+                refused += 1
+    assert accepted >= 21
+    assert refused >= 9
+
+
+def test_a_gap_between_the_centres_of_the_coarse_cells_is_found_on_finer_ones():
+    """A gap of 0.64 m about y = 5: the nearest centres of 0.1 m cells leave 0.27 m, those of 0.05 m cells 0.295 m."""
+    assert check_task(hall(*wall_with_gap(10.0, 4.68, 5.32)), TIAGO) == pytest.approx(16.0, rel=0.01)
+
+
+def test_a_place_that_just_holds_the_body_is_no_obstacle_to_the_way():
+    """Its cell's centre is too near to the wall, on coarse and on fine cells; the place itself is not."""
+    wall = Obstacle("wall", Box(0.1, 5.0, 0.2, 10.0, 0.0, 2.0))
+    for x in (0.487, 0.49, 0.51):
+        assert check_task(hall(wall, goal=(x, 4.0)), 0.2843) == pytest.approx(math.hypot(2.1 - x, 1.1), rel=0.01)
+        assert check_task(hall(wall, start=(x, 4.0), goal=(2.1, 5.1)), 0.2843) < 2.0
+    with pytest.raises(BadWorld, match=r"goal: \(0.4, 4\) is 0.20 m from obstacles\[0\]"):
+        check_task(hall(wall, goal=(0.4, 4.0)), 0.2843)
+    with pytest.raises(BadWorld, match=r"goal: \(10, 0.2\) is 0.20 m from the bounds"):
+        check_task(hall(wall, goal=(10.0, 0.2)), 0.2843)
+
+
+def test_start_and_goal_in_one_cell():
+    world = hall(start=(2.11, 5.11), goal=(2.14, 5.15))
+    assert shortest_path_length(world, 0.3) == pytest.approx(0.05)
+    assert shortest_path(world, 0.3).shape == (2, 2)
+
+
+def test_a_mover_on_the_start_is_refused():
+    def with_mover(gap):
+        return hall(movers=(plug((2.1 + 0.6 + TIAGO + gap, 5.1)),))
+
+    assert check_task(with_mover(0.11), TIAGO) == pytest.approx(16.0)
+    for gap, said in ((0.09, "0.09 m from the body"), (-0.5, "-0.50 m from the body")):
+        with pytest.raises(BadWorld, match=rf"start: movers\[0\] \(a cylinder\) begins at .* {said}"):
+            check_task(with_mover(gap), TIAGO)
+
+
+def test_time_limit():
+    assert time_limit(30.0, 1.0) == 180.0
+    assert time_limit(30.0, 0.5) == 300.0
+
+
+def test_fairness_is_of_the_worlds_that_the_body_gets(monkeypatch):
+    asked = []
+
+    def recorded(name, seed, **options):
+        asked.append(options["footprint_radius"])
+        return make_world(name, seed, **options)
+
+    monkeypatch.setattr(worlds.fairness, "make_world", recorded)
+    result = fairness("square", range(1), radius=0.31)
+    assert asked == [0.31]
+    assert result.lengths == (shortest_path_length(make_world("square", 0, footprint_radius=0.31), 0.31),)
 
 
 @pytest.mark.parametrize("v_max", [0.5, 1.0])
@@ -121,8 +197,8 @@ def test_a_start_without_room_is_an_error():
 
 def test_factory_and_square_are_fair():
     """A sample; all 100 seeds of every region are the slow test below."""
-    assert fairness("factory", range(5), region=4).unsolved == ()
-    square = fairness("square", range(10))
+    assert fairness("factory", range(5), radius=TIAGO, region=4).unsolved == ()
+    square = fairness("square", range(10), radius=TIAGO)
     assert square.unsolved == ()
     straight = [math.dist(w.start[:2], w.goal) for w in (make_world("square", seed) for seed in range(10))]
     assert sum(square.times) < 1.2 * sum(straight)
@@ -133,4 +209,4 @@ def test_factory_and_square_are_fair():
     ("world", "region"), [("factory", 1), ("factory", 2), ("factory", 3), ("factory", 4), ("square", None)]
 )
 def test_at_least_99_of_100_seeds_can_be_solved(world, region):
-    assert len(fairness(world, range(100), region=region).unsolved) <= 1
+    assert len(fairness(world, range(100), radius=TIAGO, region=region).unsolved) <= 1

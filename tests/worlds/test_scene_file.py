@@ -127,7 +127,7 @@ any_world = st.builds(
     st.text("abc -:#'\"é", min_size=1),
     st.integers(0, 2**40),
     st.tuples(real, real, real, real),
-    st.lists(st.builds(Obstacle, st.sampled_from(OBSTACLE_KINDS), shape), max_size=4).map(tuple),
+    st.lists(st.builds(Obstacle, st.sampled_from(OBSTACLE_KINDS), shape, st.booleans()), max_size=4).map(tuple),
     st.lists(mover, max_size=3).map(tuple),
     st.builds(Pose2, real, real, real),
     point,
@@ -161,6 +161,13 @@ def test_the_format_is_exact_for_any_numbers(world, tmp_path, monkeypatch):
         (("start", "x"), math.nan, "start.x: nan is not a finite number"),
         (("bounds", "x_max"), math.inf, "bounds.x_max: inf is not a finite number"),
         (("bounds", "x_max"), -3.0, "bounds.x_max: -3 is not greater than x_min, which is 0"),
+        (("bounds", "x_max"), 201, "bounds.x_max: 201 m from x_min; 200 m or less would be right"),
+        (("bounds", "x_max"), 1e6, "bounds.x_max: 1000000.0 is greater than the maximum of 10000"),
+        (("start", "x"), 1e6, "start.x: 1000000.0 is greater than the maximum of 10000"),
+        (("obstacles", 1, "shape", "height"), 0.04, "obstacles[1]: its top is 0.04 m above the floor"),
+        (("movers", 0, "parts", 0, "shape", "height"), 0.02, "movers[0]: its top is 0.02 m above the floor"),
+        (("obstacles", 1, "outer"), 1, "obstacles[1].outer: 1 is not true or false"),
+        (("movers", 0, "start", "x"), 9.8, "movers[0].start: (9.8, 4) is 0.20 m from the bounds; 0.3 m around it"),
         (("format",), "vuca-scene-9", "format: 'vuca-scene-9' should be 'vuca-scene-1'"),
         (("colour",), "red", "the file: unknown field colour; its fields are format, name"),
         (("goal",), {"x": 5.1, "y": 4.2}, "goal: (5.1, 4.2) is inside obstacles[1] (a pillar)"),
@@ -190,6 +197,8 @@ def test_a_bad_field_is_named(path, value, message, tmp_path):
         ("", "the file: None is not a mapping"),
         ("- 1\n- 2\n", "the file: [1, 2] is not a mapping"),
         ("name: !!python/object:os.system {}", "not YAML"),
+        ("name: a\nseed: 0\nname: b\n", "line 3, column 1: not YAML: the key 'name' a second time"),
+        ("goal: {x: 1, y: 2, x: 3}\n", "line 1, column 20: not YAML: the key 'x' a second time"),
     ],
 )
 def test_broken_files(text, message, tmp_path):
@@ -239,8 +248,23 @@ def test_any_spoilt_leaf_is_refused_in_one_line(path, value, tmp_path):
 
 
 def test_the_documented_example_is_a_scene(tmp_path):
-    text = (SCHEMA_FILE.parents[1] / "docs" / "scene-format.md").read_text()
-    example = text.split("```yaml\n")[1].split("```")[0]
-    world = load_scene(write(tmp_path, example))
+    world = load_scene(documented_example(tmp_path))
     assert world.name == "two rooms"
     assert shortest_path_length(world, 0.35) < 14.0
+
+
+def documented_example(tmp_path):
+    text = (SCHEMA_FILE.parents[1] / "docs" / "scene-format.md").read_text()
+    return write(tmp_path, text.split("```yaml\n")[1].split("```")[0])
+
+
+def test_the_documented_example_without_corridors_is_one_room(tmp_path):
+    opened = make_world(str(documented_example(tmp_path)), 0, without="C")
+    assert sum(o.kind == "wall" for o in opened.obstacles) == 4
+
+
+def test_something_low_is_counted_from_the_floor(tmp_path):
+    """A slab of 0.02 m that hangs at 0.5 m is seen and hit."""
+    shape = {"type": "box", "x": 5, "y": 7.5, "length": 1, "width": 0.4, "yaw": 0, "height": 0.02, "base": 0.5}
+    document = changed(("obstacles", 1, "shape"), shape)
+    assert load_scene(write(tmp_path, document)).obstacles[1].shape.base == 0.5

@@ -9,7 +9,8 @@ from vuca_nav.errors import BadArgument, BadWorld, UnknownName
 from worlds import WORLDS, load_scene, make_world, save_scene
 from worlds.arrays import pack_shapes
 from worlds.clearance import clearance_at
-from worlds.registry import CORRIDOR_KINDS
+from worlds.population import LARGEST_FOOTPRINT
+from worlds.registry import CORRIDOR_KINDS, ordered_difficulties
 from worlds.shortest_path import shortest_path_length
 from worlds.world import Box, Cylinder, Obstacle, RandomWalk, SocialForce
 
@@ -74,7 +75,7 @@ def test_movers_are_within_their_speeds_and_start_away_from_the_robot(name):
     for seed in range(5):
         world = make_world(name, seed, footprint_radius=0.27)
         for mover in world.movers:
-            assert math.dist(mover.start[:2], world.start[:2]) >= 2.0 + mover.radius + 0.27
+            assert math.dist(mover.start[:2], world.start[:2]) >= 2.0 + mover.radius + LARGEST_FOOTPRINT
             speeds.append(mover.motion.speed)
             assert isinstance(mover.motion, SocialForce if name == "building" else RandomWalk)
     low, high = SPEEDS[name]
@@ -144,7 +145,8 @@ def test_building_is_wide_enough_for_people_at_its_doors():
         (("factory", 0), {"movers": 5}, BadArgument, "--movers: factory does not take it"),
         (("square", 0), {"movers": 41}, BadArgument, "--movers 41: square takes 0 to 40"),
         (("static", 0), {"region": 1}, BadArgument, "--region: static does not take it"),
-        (("static", 0), {"without": "X"}, BadArgument, "no difficulty 'X'"),
+        (("static", 0), {"without": "X"}, BadArgument, "unknown difficulty 'X'"),
+        (("square", 0), {"movers": 3, "without": "UV"}, BadArgument, "--movers 3 does not go with --without V"),
         (("static", 0), {"footprint_radius": 0.0}, BadArgument, "footprint radius"),
         (("nowhere.yaml", 0), {}, BadWorld, "nowhere.yaml: No such file"),
         (("factory", 0), {"footprint_radius": 1.5}, BadWorld, "a smaller body"),
@@ -160,9 +162,7 @@ def test_scene_file_by_path(tmp_path):
     path = str(tmp_path / "scene.yaml")
     save_scene(world, path)
     assert make_world(path, 7) == load_scene(path) == world
-    opened = make_world(path, 0, without="VC")
-    assert opened.movers == ()
-    assert sum(o.kind in CORRIDOR_KINDS for o in opened.obstacles) < 12
+    assert make_world(path, 0, without="VC") == make_world("building", 2, without="VC")
     with pytest.raises(BadArgument, match="--region"):
         make_world(path, 0, region=1)
     with pytest.raises(BadWorld, match=r"goal: no way leads from the start .* radius 0.9 m"):
@@ -172,3 +172,39 @@ def test_scene_file_by_path(tmp_path):
 def test_pillars_survive_an_open_floor():
     world = make_world("factory", 3, without="C")
     assert any(isinstance(o.shape, Cylinder) and o.kind == "pillar" for o in world.obstacles)
+
+
+@pytest.mark.parametrize("name", ["factory", "square", "double_branch", "building"])
+def test_movers_are_the_same_for_every_body_that_gets_the_same_layout(name):
+    small, large = (make_world(name, 3, footprint_radius=radius) for radius in (0.2, 0.35))
+    assert small.obstacles == large.obstacles
+    assert small.movers == large.movers
+
+
+@pytest.mark.parametrize("region", [1, 2, 3, 4])
+def test_a_saved_factory_keeps_its_enclosure_without_corridors(region, tmp_path):
+    """Region 3 has two walls that stand far from its bounds."""
+    save_scene(make_world("factory", 2, region=region), tmp_path / "scene.yaml")
+    opened = make_world(str(tmp_path / "scene.yaml"), 0, without="C")
+    assert opened == make_world("factory", 2, region=region, without="C")
+    walls = [o for o in opened.obstacles if o.kind == "wall"]
+    assert len(walls) == (6 if region == 3 else 4)
+    assert all(wall.outer for wall in walls)
+
+
+def test_a_wall_at_the_bounds_is_an_inner_one_unless_it_is_said_to_be_outer(tmp_path):
+    world = make_world("static", 0)
+    beside = Obstacle("wall", Box(0.25, 8.0, 0.1, 3.0, 0.0, 2.0))
+    save_scene(replace(world, obstacles=(*world.obstacles, beside)), tmp_path / "scene.yaml")
+    assert beside not in make_world(str(tmp_path / "scene.yaml"), 0, without="C").obstacles
+
+
+def test_a_building_without_room_for_its_people_says_so(monkeypatch):
+    monkeypatch.setattr("worlds.building.START_DISTANCE", 100.0)
+    with pytest.raises(BadWorld, match=r"no free place for person 1 of 20 in 4000 tries"):
+        make_world("building", 0)
+
+
+def test_difficulties_in_their_order_each_once():
+    assert ordered_difficulties("") == ""
+    assert ordered_difficulties("AAVU") == "VUA"

@@ -91,11 +91,6 @@ class Costmap:
         """Centre of a cell in the map [m]."""
         return (self.origin[0] + (j + 0.5) * self.resolution, self.origin[1] + (i + 0.5) * self.resolution)
 
-    def is_traversable(self, x: float, y: float) -> bool:
-        """Whether a path may go through this point of the map."""
-        i, j = self.cell(x, y)
-        return self.contains(i, j) and self.weight[i, j] > 0
-
 
 @njit(cache=True)
 def _coarsen(level, factor):
