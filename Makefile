@@ -5,8 +5,9 @@
 VENV ?= .venv
 BIN := $(VENV)/bin
 RUNS ?= runs
+ROBOT ?= tiago
 WORKERS ?= 2
-# A mission that arrives; most with moving obstacles do not yet (docs/experiments.md).
+# A mission in which TIAGo arrives; most with moving obstacles do not yet (docs/experiments.md).
 DEMO_REGION ?= 3
 DEMO_SEED ?= 4
 
@@ -40,17 +41,17 @@ lock: ## pin the newest versions that fit pyproject.toml, resolved in a clean en
 	@set -e; tmp=$$(mktemp -d); trap 'rm -rf "$$tmp"' EXIT; \
 	$(PYTHON) -m venv "$$tmp/venv"; \
 	"$$tmp/venv/bin/python" -m pip install --quiet --disable-pip-version-check -e '.[dev]'; \
-	{ echo '# Exact versions of everything in vuca-nav[dev] (which includes [sim]); made by `make lock`.'; \
-	  "$$tmp/venv/bin/python" -m pip freeze --exclude-editable | grep -v '^#' | LC_ALL=C sort -f; } > "$$tmp/lock"; \
+	{ echo '# Exact versions of everything in vuca-nav[dev] (which includes [sim] and [train]); made by `make lock`.'; \
+	  "$$tmp/venv/bin/python" -m pip freeze --exclude-editable | grep -v '^#' | sed 's/+cpu$$//' | grep -v '^nvidia\|^triton\|^cuda' | LC_ALL=C sort -f; } > "$$tmp/lock"; \
 	cp "$$tmp/lock" requirements.lock; echo "requirements.lock: $$(grep -c == requirements.lock) packages"
 
 # -- what a user wants ------------------------------------------------------------------------------------------
 
-demo: $(VENV)/.installed-sim ## one factory mission, recorded
+demo: $(VENV)/.installed-sim ## one factory mission, recorded; ROBOT=go2 walks
 	@mkdir -p $(RUNS)
-	@echo "TIAGo in factory region $(DEMO_REGION), ten moving obstacles a quarter. The first run compiles the kernels: about a minute,"
+	@echo "$(ROBOT) in factory region $(DEMO_REGION), ten moving obstacles a quarter. The first run compiles the kernels: about a minute,"
 	@echo "which counts in its real-time factor."
-	$(BIN)/vuca run --world factory --region $(DEMO_REGION) --robot tiago --seed $(DEMO_SEED) --record $(RUNS)/demo.rrd
+	$(BIN)/vuca run --world factory --region $(DEMO_REGION) --robot $(ROBOT) --seed $(DEMO_SEED) --record $(RUNS)/demo.rrd
 	@echo "The recording is $(RUNS)/demo.rrd. Open it with: $(BIN)/rerun $(RUNS)/demo.rrd"
 
 bench: $(VENV)/.installed-sim ## ratios against named references
@@ -80,4 +81,4 @@ format: $(VENV)/.installed-dev ## put the code into the project's style
 
 clean: ## caches; not .venv, not runs/
 	rm -rf build dist .pytest_cache .ruff_cache .hypothesis .import_linter_cache *.egg-info
-	find eval robots tests vuca_nav worlds -name __pycache__ -type d -prune -exec rm -rf {} +
+	find eval robots tests train vuca_nav worlds -name __pycache__ -type d -prune -exec rm -rf {} +

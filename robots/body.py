@@ -32,7 +32,9 @@ class BoundBody(ABC):
 
     @abstractmethod
     def reset(self, pose: Pose2, rng: np.random.Generator) -> None:
-        """Stand still at a pose, with all that is remembered of an earlier episode forgotten.
+        """Be put down at a pose, with all that is remembered of an earlier episode forgotten.
+
+        It is commanded to stop for ``settle_time`` before anything else.
 
         Args:
             pose: Of base_link in the world.
@@ -73,6 +75,8 @@ class Body(ABC):
     """Of the highest point above the floor [m]: what hangs higher is no obstacle."""
     base_height: float
     """Of base_link above the floor when it stands [m]."""
+    settle_time: float
+    """From ``reset`` until it stands still and can be commanded [s]."""
 
     @abstractmethod
     def mjcf(self) -> RootElement:

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class NoiseConfig:
-    """Noise of the lidar, the wheel encoders and the gyro.
+    """Noise of the lidar, the wheel and joint encoders, the gyro and the attitude.
 
     An error "per episode" is drawn once at the start from a normal distribution of this standard deviation.
-    Together they make dead reckoning drift by 2-4% of the distance travelled (tests/robots/test_odometry.py).
+    Together they make dead reckoning drift by 2-4% of the distance travelled, on wheels and on legs
+    (tests/robots/test_odometry.py, docs/locomotion.md).
     """
 
     range_sigma: float = 0.02
@@ -31,6 +32,18 @@ class NoiseConfig:
     """Bias left after calibration at standstill, per episode [rad/s]. 216 deg/h, a consumer MEMS gyro."""
     gyro_noise_density: float = math.radians(0.01)
     """Of the rate [rad/s/sqrt(Hz)]. MPU-9250 data sheet: 0.01 deg/s/sqrt(Hz)."""
+    tilt_sigma: float = math.radians(0.5)
+    """Error of roll and of pitch, per episode [rad]. VectorNav VN-100 and its like: 0.5 deg RMS, dynamic."""
+    tilt_noise: float = math.radians(0.1)
+    """Of roll and of pitch, per sample [rad]."""
+    joint_zero_sigma: float = 0.01
+    """Error of a leg joint's zero after calibration, per episode [rad]: half a degree."""
+    joint_angle_noise: float = 0.002
+    """Of a leg joint's angle, per sample [rad]: ten steps of a 15 bit encoder."""
+    joint_speed_noise: float = 0.1
+    """Of a leg joint's speed, per sample [rad/s]."""
+    leg_length_sigma: float = 0.02
+    """Relative error of the distance a stride is taken to cover, per episode and direction: worn, yielding feet."""
 
     @classmethod
     def none(cls) -> "NoiseConfig":
@@ -43,4 +56,10 @@ class NoiseConfig:
             gyro_scale_sigma=0.0,
             gyro_bias_sigma=0.0,
             gyro_noise_density=0.0,
+            tilt_sigma=0.0,
+            tilt_noise=0.0,
+            joint_zero_sigma=0.0,
+            joint_angle_noise=0.0,
+            joint_speed_noise=0.0,
+            leg_length_sigma=0.0,
         )

@@ -3,10 +3,26 @@
 from collections.abc import Callable
 
 from robots.body import Body
+from robots.go2 import GO2, Go2
+from robots.locomotion.config import QuadrupedConfig
 from robots.tiago import Tiago
 from vuca_nav.errors import UnknownName
 
-ROBOTS: dict[str, Callable[[], Body]] = {"tiago": Tiago}
+ROBOTS: dict[str, Callable[[], Body]] = {"go2": Go2, "tiago": Tiago}
+
+QUADRUPEDS: dict[str, QuadrupedConfig] = {GO2.spec.name: GO2}
+"""Those that walk; their gaits come from vuca train locomotion."""
+
+
+def find_quadruped(name: str) -> QuadrupedConfig:
+    """The constants of the quadruped of that name.
+
+    Raises:
+        UnknownName: If there is none; lists those there are.
+    """
+    if name not in QUADRUPEDS:
+        raise UnknownName("quadruped", name, QUADRUPEDS)
+    return QUADRUPEDS[name]
 
 
 def make_body(name: str) -> Body:

@@ -26,8 +26,6 @@ from worlds.movers import MoverField
 from worlds.raycast import RayCaster
 from worlds.world import Cylinder, Shape, World
 
-SETTLE_TIME = 0.5
-"""Physics before the start, for the body to sink into its contacts (by micrometres) and come to rest [s]."""
 SAFE_DISTANCE = 0.10
 """Farther than this, nothing can touch the robot within one control step: it would have to move at 6 m/s [m]."""
 
@@ -146,7 +144,7 @@ class Simulation:
         place_mocap(self._movers.part_poses, self._mocap_pos, self._mocap_quat)
         self._bound.reset(self.world.start, self._rng(1))
         self._contacts.watch(False)
-        for _ in range(round(SETTLE_TIME * self._rates.control)):
+        for _ in range(round(self.body.settle_time * self._rates.control)):
             self._bound.apply(STOP)
             mujoco.mj_step(self.model, self.data, nstep=self._substeps)
         self._bound.start_odometry()

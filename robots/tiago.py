@@ -87,6 +87,9 @@ LIDAR = LidarSpec(height=0.0945)
 degrees; ours is the merged scan of a front and a rear one, given from the base's axis, in which the base itself
 is not seen."""
 
+SETTLE_TIME = 0.5
+"""To sink into its contacts, by micrometres, and come to rest [s]."""
+
 _HULL = {
     "base": ("cylinder", (0.0, 0.0, 0.1595), (0.269, 0.1365)),
     "column": ("box", (0.022, 0.0, 0.4335), (0.198, 0.125, 0.1375)),
@@ -148,6 +151,7 @@ class Tiago(Body):
         self.lidar = LIDAR
         self.height = HEIGHT
         self.base_height = WHEEL_RADIUS
+        self.settle_time = SETTLE_TIME
 
     def mjcf(self) -> RootElement:
         """See Body."""

@@ -93,6 +93,10 @@ class Joint:
     """Largest torque or force, 0 if not given [N m or N]."""
     velocity: float
     """Largest speed, 0 if not given [rad/s or m/s]."""
+    lower: float = -math.inf
+    """[rad or m]"""
+    upper: float = math.inf
+    """[rad or m]"""
 
     def transform(self, position: float) -> FloatArray:
         """``parent_from_child`` at a joint position [rad or m], (4, 4)."""
@@ -191,6 +195,8 @@ def _joint(element: ElementTree.Element) -> Joint:
         axis=direction,
         effort=0.0 if limit is None else float(limit.get("effort", 0.0)),
         velocity=0.0 if limit is None else float(limit.get("velocity", 0.0)),
+        lower=-math.inf if limit is None else float(limit.get("lower", -math.inf)),
+        upper=math.inf if limit is None else float(limit.get("upper", math.inf)),
     )
 
 

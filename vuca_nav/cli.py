@@ -22,7 +22,13 @@ EXTRA_OF_MODULE = {
     "collada": "sim",
     "dm_control": "sim",
     "jsonschema": "sim",
+    "matplotlib": "train",
     "mujoco": "sim",
+    "safetensors": "sim",
+    "tensorboard": "train",
+    "tensordict": "train",
+    "torch": "train",
+    "torchrl": "train",
     "tqdm": "sim",
     "trimesh": "sim",
 }

@@ -1,0 +1,71 @@
+"""Unitree Go2: the constants of a quadruped. Everything else about it is robots.locomotion's.
+
+Numbers come from example-robot-data's ``go2.urdf`` ("the URDF") or from MuJoCo Menagerie's ``unitree_go2``
+(github.com/google-deepmind/mujoco_menagerie, BSD-3-Clause; "Menagerie") unless a line says otherwise.
+"""
+
+import numpy as np
+
+from robots.locomotion.body import Quadruped
+from robots.locomotion.config import QuadrupedConfig, Trot
+from vuca_nav.types import BodySpec, LidarSpec
+
+FOOTPRINT = np.array(
+    [
+        (0.37, 0.10), (0.33, 0.185), (-0.33, 0.19), (-0.38, 0.16),
+        (-0.38, -0.16), (-0.33, -0.19), (0.33, -0.185), (0.37, -0.10),
+    ]
+)  # fmt: skip
+"""Around head, thighs and feet [m]: all visual meshes in 99% of a random walk over the whole range of commands; a
+foot caught by a push or in a sharp turn at full speed comes out by up to 0.06 m."""
+
+ROTOR_INERTIA = 0.000111842
+"""About its axis: ``*_rotor`` of the URDF [kg m^2]."""
+GEAR = 6.33
+"""Of hip and thigh: Unitree's GO-M8010-6 motor, data sheet."""
+KNEE_GEAR = GEAR * 45.43 / 23.7
+"""The knee's linkage turns as much slower as it is stronger, as the URDF's effort and velocity limits have it."""
+
+GO2 = QuadrupedConfig(
+    spec=BodySpec(
+        name="go2",
+        footprint=FOOTPRINT,
+        max_v_x=1.2,
+        min_v_x=-0.6,
+        max_v_y=0.4,
+        max_w_z=1.2,
+        max_a_x=2.0,
+        max_a_y=2.0,
+        max_a_w=5.0,
+    ),
+    lidar=LidarSpec(height=0.37),
+    urdf="go2_description/urdf/go2.urdf",
+    base="base",
+    leg_names=("FL", "FR", "RL", "RR"),
+    joint_names=("hip_joint", "thigh_joint", "calf_joint"),
+    link_names=("hip", "thigh", "calf", "foot"),
+    foot_radius=0.022,  # Menagerie
+    foot_friction=(0.8, 0.02, 0.01),  # Menagerie
+    trunk_box=(0.1881, 0.04675, 0.057),  # Unitree's own URDF (unitree_ros): 0.3762 x 0.0935 x 0.114
+    trunk_centre=(0.0, 0.0, 0.0),
+    limb_radii=(0.022, 0.013),  # thigh 0.0245 x 0.034 m across, shank 0.013 (unitree_ros)
+    height=0.42,
+    armature=(ROTOR_INERTIA * GEAR**2, ROTOR_INERTIA * GEAR**2, ROTOR_INERTIA * KNEE_GEAR**2),
+    joint_damping=0.1,  # Menagerie
+    joint_friction=0.2,  # Menagerie
+    torque_limits=(23.7, 23.7, 45.43),
+    kp=40.0,
+    kd=1.0,
+    action_scale=(0.15, 0.25, 0.25),
+    lying=(0.0, 1.30, -2.70),
+    lying_height=0.08,
+    trot=Trot(),
+    weights="go2.safetensors",
+)
+
+
+class Go2(Quadruped):
+    """Unitree Go2, walking by a learned gait."""
+
+    def __init__(self):
+        super().__init__(GO2)

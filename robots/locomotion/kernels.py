@@ -1,0 +1,274 @@
+"""One control step of a gait around the network, compiled: nominal trot, velocity estimate, observation.
+
+The simulation runs these on one robot, the training on hundreds; arrays are one robot's rows, filled in place.
+Everything is computed from what the robot measures or was told.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from robots.locomotion.legs import foot_jacobian, foot_position, leg_angles
+
+OBSERVATION_SIZE = 49
+"""gyro 3, up 3, command 3, joint angles 12, joint speeds 12, last action 12, clock 2, estimated velocity 2."""
+ACTION_SIZE = 12
+RATE_SCALE = 0.05
+"""Of joint speeds in the observation [s/rad]."""
+GYRO_SCALE = 0.25
+"""Of angular rates in the observation [s/rad]."""
+SIDE_SLIP = 0.05
+"""Feet under load creep: the body drifts by so much times its centripetal acceleration, outwards [s]. Fitted to
+70 random walks of varied Go2s."""
+TRIM_RATE = 1.0
+"""Of the integral that takes away steady errors of the velocity [1/s]."""
+TRIM_LIMIT = 0.1
+"""[m/s]"""
+TURN_TRIM_LIMIT = 0.1
+"""[rad/s]"""
+_YAW_LEVER = 0.5
+"""Turns rad/s into m/s when it is asked whether a command is slow [m]."""
+
+
+class Tuning(NamedTuple):
+    """The numbers of a QuadrupedConfig that the kernels need."""
+
+    dt: float
+    frequency: float
+    duty: float
+    swing_height: float
+    hip_height: float
+    stance_width: float
+    ramp_time: float
+    deadband: float
+    kp: float
+    kd: float
+    weight: float
+    """Of the robot [N]."""
+    max_torque: np.ndarray
+    """(3,) [N m]"""
+    slew: np.ndarray
+    """Largest change of the command, v_x, v_y, w_z (3,) [m/s^2, rad/s^2]."""
+    nominal: np.ndarray
+    """Joint angles when standing (12,) [rad]."""
+    action_scale: np.ndarray
+    """(12,) [rad]"""
+    lower: np.ndarray
+    """(12,) [rad]"""
+    upper: np.ndarray
+    """(12,) [rad]"""
+
+
+@njit(cache=True)
+def advance_clock(tuning, wanted, command, clock):
+    """Move the command towards the wanted one, and the gait's clock on.
+
+    Args:
+        tuning: Of the gait.
+        wanted: (3,) v_x, v_y, w_z.
+        command: (3,) what is asked of the policy; changed.
+        clock: (2,) phase 0-1 and how far stepping has faded in, 0-1; changed.
+    """
+    for i in range(3):
+        step = tuning.slew[i] * tuning.dt
+        command[i] += min(max(wanted[i] - command[i], -step), step)
+    speed = math.sqrt(command[0] ** 2 + command[1] ** 2 + (_YAW_LEVER * command[2]) ** 2)
+    step = tuning.dt / tuning.ramp_time
+    clock[1] = min(max(clock[1] + (step if speed > tuning.deadband else -step), 0.0), 1.0)
+    clock[0] = (clock[0] + tuning.frequency * tuning.dt) % 1.0 if clock[1] > 0.0 else 0.0
+
+
+@njit(cache=True)
+def advance_trim(tuning, command, clock, velocity, yaw_rate, trim, asked):
+    """Integrate what the estimate says is missing of the command, so that no steady error stays.
+
+    Args:
+        tuning: Of the gait.
+        command: (3,) after the slew limit.
+        clock: (2,); standing still, the trim fades.
+        velocity: (2,) as estimated.
+        yaw_rate: As measured.
+        trim: (3,) added to the command; changed.
+        asked: (3,) command plus trim: what the trot and the policy are given.
+    """
+    for i in range(3):
+        if clock[1] == 1.0:
+            measured = velocity[i] if i < 2 else yaw_rate
+            trim[i] += TRIM_RATE * tuning.dt * (command[i] - measured)
+            limit = TRIM_LIMIT if i < 2 else TURN_TRIM_LIMIT
+            trim[i] = min(max(trim[i], -limit), limit)
+        else:
+            trim[i] -= tuning.dt / tuning.ramp_time * trim[i]
+        asked[i] = command[i] + trim[i]
+
+
+@njit(cache=True)
+def leg_phase(leg, phase):
+    """Of one leg's stride, 0-1; diagonal legs go together."""
+    return (phase + (0.5 if leg == 1 or leg == 2 else 0.0)) % 1.0
+
+
+@njit(cache=True)
+def trot_angles(legs, tuning, command, clock, out):
+    """Joint angles of the nominal trot. out: (12,) [rad].
+
+    In stance a foot goes back over the ground on the arc of the commanded twist; in swing it
+    returns, lifted along a half sine of its phase. The servos are soft: a standing leg's targets are ahead of its
+    angles by what carrying its share of the weight takes.
+    """
+    stance_time = tuning.duty / tuning.frequency
+    standing = 0
+    for leg in range(4):
+        if leg_phase(leg, clock[0]) < tuning.duty:
+            standing += 1
+    jacobian = np.empty((3, 3))
+    for leg in range(4):
+        side = 1.0 if legs.offsets[leg] > 0.0 else -1.0
+        x, y = legs.hips[leg, 0], legs.hips[leg, 1] + legs.offsets[leg] + side * tuning.stance_width
+        phase = leg_phase(leg, clock[0])
+        if phase < tuning.duty:
+            along, lift = 0.5 - phase / tuning.duty, 0.0
+        else:
+            swing = (phase - tuning.duty) / (1.0 - tuning.duty)
+            along, lift = -0.5 * math.cos(math.pi * swing), math.sin(math.pi * swing)
+        along *= clock[1] * stance_time
+        z = legs.foot_radius - tuning.hip_height + lift * clock[1] * tuning.swing_height
+        # Where a point of the floor under the resting foot is, ``along`` before the body passes over it.
+        turn = along * command[2]
+        c, t = math.cos(turn), math.sin(turn)
+        c_half, t_half = math.cos(0.5 * turn), math.sin(0.5 * turn)
+        forward, left = along * command[0], along * command[1]
+        foot_x = c * x - t * y + c_half * forward - t_half * left
+        foot_y = t * x + c * y + t_half * forward + c_half * left
+        leg_angles(legs, leg, foot_x, foot_y, z, out[3 * leg : 3 * leg + 3])
+        if phase < tuning.duty:
+            foot_jacobian(legs, leg, out[3 * leg : 3 * leg + 3], jacobian)
+            for j in range(3):  # torque = -J^T force, the floor's force being up
+                out[3 * leg + j] -= jacobian[2, j] * tuning.weight / (standing * tuning.kp)
+
+
+@njit(cache=True)
+def servo_torque(tuning, joint, target, q, dq):
+    """What a joint's servo gives [N m]."""
+    limit = tuning.max_torque[joint % 3]
+    return min(max(tuning.kp * (target - q) - tuning.kd * dq, -limit), limit)
+
+
+@njit(cache=True)
+def foot_motion(legs, leg, q, dq, gyro, up, torque, out):
+    """What one leg says of the body's velocity if its foot stands and rolls without slipping.
+
+    Args:
+        legs: Dimensions.
+        leg: Which.
+        q: (3,) angles.
+        dq: (3,) their speeds.
+        gyro: (3,) angular velocity in base_link.
+        up: (3,) the vertical in base_link.
+        torque: (3,) of the leg's servos.
+        out: (3,) velocity of base_link's origin in base_link.
+
+    Returns:
+        The upward force of the floor on the foot, from the torques, the leg's own inertia neglected [N].
+    """
+    p, jacobian = np.empty(3), np.empty((3, 3))
+    foot_position(legs, leg, q, p)
+    foot_jacobian(legs, leg, q, jacobian)
+    c, s = math.cos(q[0]), math.sin(q[0])
+    bend = dq[1] + dq[2]
+    w0, w1, w2 = gyro[0] + dq[0], gyro[1] + bend * c, gyro[2] + bend * s
+    r = legs.foot_radius
+    # Rolling: the sphere's centre moves at w_shank x (r up); it also is v + w x p + J dq.
+    out[0] = r * (w1 * up[2] - w2 * up[1]) - (gyro[1] * p[2] - gyro[2] * p[1])
+    out[1] = r * (w2 * up[0] - w0 * up[2]) - (gyro[2] * p[0] - gyro[0] * p[2])
+    out[2] = r * (w0 * up[1] - w1 * up[0]) - (gyro[0] * p[1] - gyro[1] * p[0])
+    for i in range(3):
+        for j in range(3):
+            out[i] -= jacobian[i, j] * dq[j]
+    # torque = -J^T force, so up . force = -(J^-1 up) . torque, by Cramer's rule.
+    a, b, e = jacobian[:, 0], jacobian[:, 1], jacobian[:, 2]
+    det = _triple(a, b, e)
+    if abs(det) < 1e-5:  # a stretched leg: nothing can be said
+        return 0.0
+    return -(
+        _triple(up, b, e) * torque[0] + _triple(a, up, e) * torque[1] + _triple(a, b, up) * torque[2]
+    ) / det  # fmt: skip
+
+
+@njit(cache=True)
+def _triple(a, b, c):
+    return a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) + a[2] * (b[0] * c[1] - b[1] * c[0])
+
+
+@njit(cache=True)
+def leg_velocity(legs, tuning, gyro, up, q, dq, targets, out):
+    """The body's velocity as the standing feet give it, along the floor. out: (2,) forward, left [m/s].
+
+    Each foot counts by the cube of the force it carries. The result is in the heading frame: base_link's x axis,
+    levelled.
+
+    Returns:
+        Share of the robot's weight on the feet, at most 1: how much the answer is worth.
+    """
+    carried, total, v0, v1, v2 = 0.0, 0.0, 0.0, 0.0, 0.0
+    torque, velocity = np.empty(3), np.empty(3)
+    for leg in range(4):
+        j = 3 * leg
+        for i in range(3):
+            torque[i] = servo_torque(tuning, j + i, targets[j + i], q[j + i], dq[j + i])
+        force = foot_motion(legs, leg, q[j : j + 3], dq[j : j + 3], gyro, up, torque, velocity)
+        # Below a tenth of the weight a foot may be swinging: its leg's inertia looks like that much force. The cube
+        # leaves little to feet just set down or about to lift off, which carry some weight but do not stand.
+        share = min(max(force / tuning.weight - 0.1, 0.0), 0.5)
+        carried += share
+        share = share**3
+        total += share
+        v0 += share * velocity[0]
+        v1 += share * velocity[1]
+        v2 += share * velocity[2]
+    if total < 1e-4:
+        return 0.0
+    level_velocity(up, v0 / total, v1 / total, v2 / total, out)
+    yaw_rate = gyro[0] * up[0] + gyro[1] * up[1] + gyro[2] * up[2]
+    forward, left = out[0], out[1]
+    out[0] = forward + SIDE_SLIP * yaw_rate * left
+    out[1] = left - SIDE_SLIP * yaw_rate * forward
+    return min(carried, 1.0)
+
+
+@njit(cache=True)
+def level_velocity(up, v0, v1, v2, out):
+    """A velocity in base_link as forward and left parts along the floor. out: (2,)."""
+    # Forward is x less its part along up; left is up x forward.
+    f0, f1, f2 = 1.0 - up[0] * up[0], -up[0] * up[1], -up[0] * up[2]
+    length = math.sqrt(max(f0 * f0 + f1 * f1 + f2 * f2, 1e-9))
+    f0, f1, f2 = f0 / length, f1 / length, f2 / length
+    l0, l1, l2 = up[1] * f2 - up[2] * f1, up[2] * f0 - up[0] * f2, up[0] * f1 - up[1] * f0
+    out[0] = v0 * f0 + v1 * f1 + v2 * f2
+    out[1] = v0 * l0 + v1 * l1 + v2 * l2
+
+
+@njit(cache=True)
+def fill_observation(tuning, gyro, up, command, q, dq, action, clock, velocity, out):
+    """The policy's input. out: (OBSERVATION_SIZE,)."""
+    for i in range(3):
+        out[i] = GYRO_SCALE * gyro[i]
+        out[3 + i] = up[i]
+        out[6 + i] = command[i]
+    for j in range(12):
+        out[9 + j] = q[j] - tuning.nominal[j]
+        out[21 + j] = RATE_SCALE * dq[j]
+        out[33 + j] = action[j]
+    angle = 2.0 * math.pi * clock[0]
+    out[45], out[46] = clock[1] * math.sin(angle), clock[1] * math.cos(angle)
+    out[47], out[48] = velocity[0], velocity[1]
+
+
+@njit(cache=True)
+def joint_targets(legs, tuning, command, clock, action, out):
+    """Nominal trot plus the policy's correction, within the joints' limits. out: (12,) [rad]."""
+    trot_angles(legs, tuning, command, clock, out)
+    for j in range(12):
+        out[j] = min(max(out[j] + tuning.action_scale[j] * action[j], tuning.lower[j]), tuning.upper[j])

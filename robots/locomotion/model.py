@@ -1,0 +1,161 @@
+"""A quadruped's MJCF from its URDF and its constants."""
+
+# pyright: reportAttributeAccessIssue=false, reportOptionalMemberAccess=false
+# (MuJoCo's compiled bindings and dm_control's generated elements are invisible to a static checker.)
+
+from typing import Any
+
+import numpy as np
+
+from robots.assets import asset
+from robots.locomotion.config import JOINTS_PER_LEG, LEGS, QuadrupedConfig
+from robots.locomotion.kernels import Tuning, trot_angles
+from robots.locomotion.legs import Legs, joint_of, legs_of
+from robots.urdf import BadUrdf, Inertia, Urdf, read_urdf
+from worlds.mjcf import TOUCHES_FLOOR, TOUCHES_SCENE, Element, RootElement
+
+GRAVITY = 9.81
+
+
+def joint_names() -> list[str]:
+    """Of the model's joints, actuators and encoders, in the order of an action."""
+    return [f"{leg}_{joint}" for leg in LEGS for joint in JOINTS_PER_LEG]
+
+
+class QuadrupedModel:
+    """What is derived from the constants and the URDF, once.
+
+    Raises:
+        BadUrdf: If the URDF lacks a link or a joint, or contradicts the constants.
+    """
+
+    def __init__(self, config: QuadrupedConfig, urdf: Urdf | None = None):
+        self.config = config
+        self.urdf = urdf or read_urdf(asset(config.urdf))
+        self.legs: Legs = legs_of(config, self.urdf)
+        self.pieces = self._pieces()
+        limits = [
+            (joint_of(self.urdf, leg, name), torque)
+            for leg in config.leg_names
+            for name, torque in zip(config.joint_names, config.torque_limits)
+        ]
+        for joint, torque in limits:
+            if abs(joint.effort - torque) > 1e-6:
+                raise BadUrdf(
+                    f"robot {self.urdf.name!r}: joint {joint.name!r} allows {joint.effort} N m, "
+                    f"but {config.spec.name}'s constants say {torque}"
+                )
+        self.lower = np.array([joint.lower for joint, _ in limits])
+        self.upper = np.array([joint.upper for joint, _ in limits])
+        self.mass = sum(link.inertia.mass for link in self.urdf.links.values())
+
+    def tuning(self, control_dt: float) -> Tuning:
+        """The constants as the kernels take them."""
+        config, trot = self.config, self.config.trot
+        tuning = Tuning(
+            dt=control_dt, frequency=trot.frequency, duty=trot.duty, swing_height=trot.swing_height,
+            hip_height=trot.hip_height, stance_width=trot.stance_width, ramp_time=trot.ramp_time,
+            deadband=trot.deadband, kp=config.kp, kd=config.kd, weight=GRAVITY * self.mass,
+            max_torque=np.array(config.torque_limits),
+            slew=np.array([config.spec.max_a_x, config.spec.max_a_y, config.spec.max_a_w]),
+            nominal=np.zeros(12), action_scale=np.tile(config.action_scale, 4),
+            lower=self.lower, upper=self.upper,
+        )  # fmt: skip
+        trot_angles(self.legs, tuning, np.zeros(3), np.zeros(2), tuning.nominal)
+        return tuning
+
+    def mjcf(self, *, touch: bool = False) -> RootElement:
+        """A new model of the robot alone, without its free joint.
+
+        Args:
+            touch: With sensors of the feet's contact forces, for training; the gait does not use them.
+        """
+        config = self.config
+        root = RootElement(model=config.spec.name)
+        root.compiler.angle = "radian"
+        root.option.integrator = "implicitfast"  # the servos' damping is stiff for a light shank
+        trunk: Any = root.worldbody.add("body", name="base_link")
+        _add_inertia(trunk, self.pieces["base_link"])
+        touches = {"contype": TOUCHES_SCENE | TOUCHES_FLOOR, "conaffinity": 0, "group": 3}
+        trunk.add("geom", name="trunk", type="box", pos=config.trunk_centre, size=config.trunk_box, **touches)
+        trunk.add("site", name="imu")
+        root.sensor.add("gyro", name="gyro", site="imu")
+        root.sensor.add("framequat", name="attitude", objtype="site", objname="imu")
+        for i, leg in enumerate(LEGS):
+            self._add_leg(root, trunk, i, leg, touches)
+        if touch:
+            for leg in LEGS:
+                root.sensor.add("touch", name=f"{leg}_touch", site=f"{leg}_foot")
+        for name in joint_names():
+            root.sensor.add("jointpos", name=f"{name}_angle", joint=name)
+        for name in joint_names():
+            root.sensor.add("jointvel", name=f"{name}_speed", joint=name)
+        return root
+
+    def _add_leg(self, root: RootElement, trunk: Element, i: int, leg: str, touches: dict) -> None:
+        config, legs = self.config, self.legs
+        side = (0.0, float(legs.offsets[i]), 0.0)
+        places = (tuple(legs.hips[i]), side, (0.0, 0.0, -legs.thigh))
+        axes = ((1, 0, 0), (0, 1, 0), (0, 1, 0))
+        parent = trunk
+        for k, joint in enumerate(JOINTS_PER_LEG):
+            name = f"{leg}_{joint}"
+            body: Any = parent.add("body", name=name, pos=places[k])
+            _add_inertia(body, self.pieces[name])
+            index = 3 * i + k
+            body.add(
+                "joint", name=name, type="hinge", axis=axes[k], limited="true",
+                range=(self.lower[index], self.upper[index]), armature=config.armature[k],
+                damping=config.joint_damping, frictionloss=config.joint_friction,
+            )  # fmt: skip
+            torque = config.torque_limits[k]
+            root.actuator.add(
+                "general", name=name, joint=name, gainprm=(config.kp,), biastype="affine",
+                biasprm=(0.0, -config.kp, -config.kd), forcelimited="true", forcerange=(-torque, torque),
+            )  # fmt: skip
+            parent = body
+            if k > 0:
+                radius = config.limb_radii[k - 1]
+                end = -(legs.thigh if k == 1 else legs.shank - config.foot_radius)
+                body.add(
+                    "geom", name=f"{name}_limb", type="capsule", fromto=(0, 0, 0, 0, 0, end), size=(radius,), **touches
+                )
+        parent.add(
+            "geom", name=f"{leg}_foot", type="sphere", pos=(0.0, 0.0, -legs.shank), size=(config.foot_radius,),
+            condim=6, friction=config.foot_friction, priority=1, **touches,
+        )  # fmt: skip
+        parent.add("site", name=f"{leg}_foot", pos=(0.0, 0.0, -legs.shank), size=(config.foot_radius + 0.005,))
+
+    def _pieces(self) -> dict[str, Inertia]:
+        """Inertia of each moving body, with all that is fixed to it, in its own frame."""
+        return {
+            name: self.urdf.fuse(link, fused, {}) for name, (link, fused) in self.bodies().items()
+        }  # fmt: skip
+
+    def bodies(self) -> dict[str, tuple[str, list[str]]]:
+        """For each body of the MJCF the URDF's link it is and the links fused into it."""
+        moving = {self.config.base: "base_link"}
+        for leg, own in zip(LEGS, self.config.leg_names):
+            for joint, name in zip(JOINTS_PER_LEG, self.config.joint_names):
+                moving[joint_of(self.urdf, own, name).child] = f"{leg}_{joint}"
+        parent_of = {joint.child: joint.parent for joint in self.urdf.joints.values()}
+        fused: dict[str, list[str]] = {link: [] for link in moving}
+        for link in self.urdf.links:
+            owner = link
+            while owner not in moving:
+                if owner not in parent_of:
+                    break
+                owner = parent_of[owner]
+            if owner in moving:
+                fused[owner].append(link)
+        return {body: (link, fused[link]) for link, body in moving.items()}
+
+
+def _add_inertia(body: Element, inertia: Inertia) -> None:
+    t = inertia.tensor
+    body.add(
+        "inertial",
+        mass=inertia.mass,
+        pos=inertia.centre,
+        fullinertia=(t[0, 0], t[1, 1], t[2, 2], t[0, 1], t[0, 2], t[1, 2]),
+    )

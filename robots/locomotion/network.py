@@ -1,0 +1,149 @@
+"""The policy as it is shipped: a small multilayer perceptron in a safetensors file, evaluated without torch."""
+
+import json
+import math
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from safetensors import SafetensorError, safe_open
+
+from robots.locomotion.config import QuadrupedConfig
+from robots.locomotion.kernels import ACTION_SIZE, OBSERVATION_SIZE
+from vuca_nav.errors import VucaError
+
+FORMAT = "vuca-gait-1"
+WEIGHTS_FOLDER = Path(__file__).parent / "weights"
+LAYERS = 3
+CLIP = 10.0
+"""Of the normalised observation."""
+
+
+class BadWeights(VucaError):
+    """A weights file that is missing or broken, or belongs to another robot."""
+
+
+class BadObservation(VucaError):
+    """An observation that is not finite: no action can be trusted."""
+
+
+def gait_contract(config: QuadrupedConfig) -> str:
+    """What a policy was trained around, and must be run around: as text, for the weights' metadata."""
+    gait = {"kp": config.kp, "kd": config.kd, "action_scale": config.action_scale, **asdict(config.trot)}
+    return json.dumps(gait, sort_keys=True)
+
+
+class PolicyNetwork:
+    """Two hidden ELU layers on a normalised observation.
+
+    Args:
+        tensors: ``mean``, ``scale`` (inputs,), then ``weight_k`` (outputs, inputs) and ``bias_k`` for k = 0, 1, 2.
+    """
+
+    def __init__(self, tensors: dict[str, NDArray[np.float32]]):
+        # Transposed: the kernel adds up columns, which vectorises without reordering a sum.
+        weights = [np.ascontiguousarray(tensors[f"weight_{k}"].T) for k in range(LAYERS)]
+        biases = [tensors[f"bias_{k}"] for k in range(LAYERS)]
+        scratch = [np.empty(size, np.float32) for size in (OBSERVATION_SIZE, *map(len, biases))]
+        self._arrays = (tensors["mean"], tensors["scale"], *weights, *biases, *scratch)
+
+    def __call__(self, observation: NDArray[np.float64], action: NDArray[np.float64]) -> None:
+        """The policy's mean action for an observation (OBSERVATION_SIZE,), into ``action`` (ACTION_SIZE,).
+
+        Raises:
+            BadObservation: If a number is not finite; says which.
+        """
+        bad = _forward(observation, action, *self._arrays)
+        if bad >= 0:
+            raise BadObservation(
+                f"gait observation {bad} of {OBSERVATION_SIZE} is {observation[bad]}: expected a number"
+            )
+
+
+def load_policy(config: QuadrupedConfig, path: Path | None = None) -> PolicyNetwork:
+    """Read a robot's policy.
+
+    Args:
+        config: The robot.
+        path: Of the weights; by default those shipped.
+
+    Raises:
+        BadWeights: If the file is missing, is not safetensors, lacks a tensor or has one of another shape or with a
+            number that is not finite, or belongs to another robot or another nominal gait.
+    """
+    path = path or WEIGHTS_FOLDER / config.weights
+    name = config.spec.name
+    if not path.is_file():
+        raise BadWeights(
+            f"no gait weights for {name!r} at {path}; make them with: vuca train locomotion --robot {name}"
+        )
+    try:
+        with safe_open(path, framework="numpy") as file:
+            metadata = file.metadata() or {}
+            tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118  (no dict)
+    except (SafetensorError, OSError, ValueError) as error:
+        raise BadWeights(f"{path} is not a safetensors file: {error}") from error
+    for key, right in (("format", FORMAT), ("robot", name), ("gait", gait_contract(config))):
+        if metadata.get(key) != right:
+            raise BadWeights(f"{path}: {key} is {metadata.get(key)!r}, expected {right!r}")
+    return PolicyNetwork({key: _checked(path, tensors, key, shape) for key, shape in _shapes(path, tensors).items()})
+
+
+def _shapes(path: Path, tensors: dict[str, np.ndarray]) -> dict[str, tuple[int, ...]]:
+    sizes = [OBSERVATION_SIZE]
+    for k in range(LAYERS - 1):
+        if f"bias_{k}" not in tensors:
+            raise BadWeights(f"{path} has no tensor 'bias_{k}' (it has: {', '.join(sorted(tensors))})")
+        sizes.append(tensors[f"bias_{k}"].size)
+    sizes.append(ACTION_SIZE)
+    shapes: dict[str, tuple[int, ...]] = {"mean": (OBSERVATION_SIZE,), "scale": (OBSERVATION_SIZE,)}
+    for k in range(LAYERS):
+        shapes[f"weight_{k}"], shapes[f"bias_{k}"] = (sizes[k + 1], sizes[k]), (sizes[k + 1],)
+    return shapes
+
+
+def _checked(path: Path, tensors: dict[str, np.ndarray], key: str, shape: tuple[int, ...]) -> NDArray[np.float32]:
+    if key not in tensors:
+        raise BadWeights(f"{path} has no tensor {key!r} (it has: {', '.join(sorted(tensors))})")
+    tensor = tensors[key]
+    if tensor.shape != shape:
+        raise BadWeights(f"{path}: tensor {key!r} has shape {tensor.shape}, expected {shape}")
+    if not np.isfinite(tensor).all():
+        raise BadWeights(f"{path}: tensor {key!r} holds numbers that are not finite")
+    return tensor.astype(np.float32)
+
+
+@njit(cache=True)
+def _forward(observation, action, mean, scale, w0, w1, w2, b0, b1, b2, x, h0, h1, h2):
+    """Returns the index of an input that is not finite, -1 if there is none."""
+    for i in range(len(observation)):
+        if not math.isfinite(observation[i]):
+            return i
+        value = (np.float32(observation[i]) - mean[i]) * scale[i]
+        x[i] = min(max(value, np.float32(-CLIP)), np.float32(CLIP))
+    _layer(x, w0, b0, h0)
+    _elu(h0)
+    _layer(h0, w1, b1, h1)
+    _elu(h1)
+    _layer(h1, w2, b2, h2)
+    for i in range(len(h2)):
+        action[i] = h2[i]
+    return -1
+
+
+@njit(cache=True)
+def _layer(x, weights, bias, out):
+    out[:] = bias
+    for i in range(len(x)):
+        xi = x[i]
+        for j in range(len(out)):
+            out[j] += weights[i, j] * xi
+
+
+@njit(cache=True)
+def _elu(values):
+    for i in range(len(values)):
+        if values[i] < 0.0:
+            values[i] = math.expm1(values[i])

@@ -1,0 +1,1 @@
+"""Training: what needs torch. Nothing that runs a mission imports it."""

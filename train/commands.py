@@ -1,0 +1,51 @@
+"""The command ``vuca train``: arguments in, an exit code out. What is heavy is imported when needed."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from vuca_nav.cli import parse
+from vuca_nav.errors import BadArgument
+
+
+@dataclass(frozen=True)
+class TrainArguments:
+    """Train a policy from scratch; interrupted, go on with --resume."""
+
+    what: tyro.conf.Positional[Literal["locomotion"]]
+    """What to train: locomotion, a quadruped's gait."""
+    out: Path
+    """Directory of checkpoints, log, TensorBoard files, curves and weights."""
+    robot: str = "go2"
+    """A quadruped's name."""
+    seed: int = 0
+    minutes: Annotated[float, tyro.conf.arg(metavar="M")] = 45.0
+    """How long."""
+    threads: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    """Processor cores to use; by default all."""
+    resume: bool = False
+    """Go on with what is in --out."""
+
+
+def train(argv: list[str]) -> int:
+    """Train a gait: PPO over batched MuJoCo, to weights a mission can load."""
+    arguments = parse(TrainArguments, "train", argv)
+    if arguments.minutes <= 0.0:
+        raise BadArgument(f"--minutes must be positive, got {arguments.minutes}")
+    if arguments.seed < 0:
+        raise BadArgument(f"the seed must be 0 or more, got {arguments.seed}")
+    cores = len(os.sched_getaffinity(0))
+    threads = arguments.threads or cores
+    if threads < 1:
+        raise BadArgument(f"--threads must be 1 or more, got {arguments.threads}")
+    from robots.registry import find_quadruped
+    from train.locomotion.run import Training, TrainingConfig
+
+    config = TrainingConfig(seed=arguments.seed, minutes=arguments.minutes, threads=threads)
+    training = Training(find_quadruped(arguments.robot), config, arguments.out, resume=arguments.resume)
+    training.run()
+    print(f"weights: {arguments.out / training.robot.weights}")
+    return 0

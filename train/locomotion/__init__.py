@@ -1,0 +1,1 @@
+"""Training a quadruped's gait: PPO over batched MuJoCo."""

@@ -1,0 +1,41 @@
+"""Learning curves as a picture."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+_PANELS = (
+    ("reward a second", ("reward/total",)),
+    ("falls a minute", ("falls_per_minute",)),
+    ("slow tracking error [m/s, rad/s]", ("slow_error/v_x", "slow_error/v_y", "slow_error/w_z")),
+    ("control steps a second", ("speed/total", "speed/collect")),
+)
+
+
+def draw_curves(log: Path, picture: Path) -> None:
+    """Draw a run's log over its minutes.
+
+    Args:
+        log: JSON lines as a run writes them.
+        picture: PNG to be written.
+    """
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    rows = [json.loads(line) for line in log.read_text().splitlines()]
+    minutes = np.array([row["seconds"] for row in rows]) / 60.0
+    figure, axes = plt.subplots(1, len(_PANELS), figsize=(4 * len(_PANELS), 3), layout="constrained")
+    for axis, (title, keys) in zip(axes, _PANELS):
+        for key in keys:
+            axis.plot(minutes, [row[key] for row in rows], lw=1, label=key.rpartition("/")[2])
+        axis.set_title(title, fontsize=9)
+        axis.set_xlabel("minutes")
+        axis.set_ylim(bottom=0)
+        axis.grid(alpha=0.3)
+        if len(keys) > 1:
+            axis.legend(fontsize=8)
+    figure.savefig(picture, dpi=110)
+    plt.close(figure)

@@ -1,0 +1,145 @@
+"""Hundreds of robots on randomised floors, stepped together by MuJoCo."""
+
+# pyright: reportAttributeAccessIssue=false, reportOptionalMemberAccess=false
+# (MuJoCo's compiled bindings and dm_control's generated elements are invisible to a static checker.)
+
+import copy
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from mujoco import rollout
+from numpy.typing import NDArray
+
+from robots.locomotion.config import LEGS, QuadrupedConfig
+from robots.locomotion.kernels import ACTION_SIZE, OBSERVATION_SIZE
+from robots.locomotion.model import QuadrupedModel
+from train.locomotion.kernels import CRITIC_SIZE, NUM_NORMAL, NUM_UNIFORM, REWARDS, Batch, step_kernel
+from train.locomotion.randomise import SILL_DEPTH, SILL_HALF_HEIGHT, SILL_SPACING, SILL_TOP, Randomisation, randomise
+from worlds.mjcf import TOUCHES_FLOOR, RootElement
+
+GRAVITY = 9.81
+
+
+@dataclass(frozen=True, slots=True)
+class EnvironmentConfig:
+    """Of the batch."""
+
+    num_robots: int = 512
+    physics: int = 120
+    """[Hz]"""
+    control: int = 60
+    """[Hz]"""
+    episode: float = 20.0
+    """[s]"""
+    command_range: tuple[float, float, float, float, float, float] = (-0.7, 1.35, -0.5, 0.5, -1.4, 1.4)
+    """Lowest and highest v_x, v_y [m/s] and w_z [rad/s]: beyond what is commanded by what the trim may add."""
+    push_speed: float = 0.7
+    """Largest sudden change of velocity [m/s]."""
+    push_interval: float = 3.0
+    """Mean time between pushes [s]."""
+    num_sills: int = 0
+    """Bars on each robot's floor."""
+    randomisation: Randomisation = field(default_factory=Randomisation)
+    threads: int = 1
+
+
+class Transition(NamedTuple):
+    """What comes of one control step; arrays are borrowed until the next one."""
+
+    observation: NDArray[np.float32]
+    """(n, OBSERVATION_SIZE) with the sensors' noise; after a reset, of the new episode."""
+    privileged: NDArray[np.float32]
+    """(n, CRITIC_SIZE) without noise, and with what no robot knows."""
+    reward: NDArray[np.float32]
+    """(n,)"""
+    terminated: NDArray[np.bool_]
+    """(n,) fell."""
+    truncated: NDArray[np.bool_]
+    """(n,) its time was up."""
+
+
+class LocomotionEnvironment:
+    """A batch of one kind of robot."""
+
+    def __init__(self, robot: QuadrupedConfig, config: EnvironmentConfig, rng: np.random.Generator):
+        self.config, self._rng = config, rng
+        self.model = QuadrupedModel(robot)
+        self.tuning = self.model.tuning(1.0 / config.control)
+        self._base = compile_training_model(self.model, config.physics, config.num_sills)
+        n = config.num_robots
+        self._models = [copy.copy(self._base) for _ in range(n)]
+        self._datas = [mujoco.MjData(self._base) for _ in range(config.threads)]
+        self._pool = rollout.Rollout(nthread=config.threads if config.threads > 1 else 0)
+        size = mujoco.mj_stateSize(self._base, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+        self._substeps = config.physics // config.control
+        self._states = np.zeros((n, self._substeps, size))
+        self._sensors = np.zeros((n, self._substeps, self._base.nsensordata))
+        self._control = np.zeros((n, self._substeps, ACTION_SIZE))
+        self._touch = np.array([int(self._base.sensor(f"{robot.spec.name}/{leg}_touch").adr[0]) for leg in LEGS])
+        self._uniform, self._normal = np.empty((n, NUM_UNIFORM)), np.empty((n, NUM_NORMAL))
+        self.batch = Batch.zeros(n, size)
+        self.difficulty = 0.0
+        """0-1: how far the command range has been opened."""
+        self.roughness = 0.0
+        """0-1: how high sills and how steep ramps are."""
+        self._observation = np.zeros((n, OBSERVATION_SIZE), np.float32)
+        self._privileged = np.zeros((n, CRITIC_SIZE), np.float32)
+        self._reward = np.zeros(n, np.float32)
+        self._terminated, self._truncated = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+        # Where a robot's place is taken modulo this, the floor is level: it always has the same sills around it.
+        self._wrap = 0.5 * config.num_sills * SILL_SPACING + 0.5 if config.num_sills else 50.0
+        self._terms = np.zeros((n, len(REWARDS)))
+        self.new_floors()
+
+    def new_floors(self, share: float = 1.0) -> None:
+        """Draw new bodies and floors for a share of the robots; they start a new episode."""
+        chosen = np.flatnonzero(self._rng.random(self.config.num_robots) < share)
+        for i in chosen:
+            randomise(self._models[i], self._base, self.config.randomisation, self._rng, self.roughness)
+            self.batch.up_world[i] = -self._models[i].opt.gravity / GRAVITY
+        self.batch.must_reset[chosen] = True
+        self.batch.delay[chosen] = self._rng.integers(0, self._substeps + 1, len(chosen))
+
+    def step(self, action: NDArray[np.float32]) -> Transition:
+        """One control step of all robots. action: (n, ACTION_SIZE)."""
+        batch, config = self.batch, self.config
+        np.copyto(batch.action, action)
+        self._rng.random(out=self._uniform)
+        self._rng.standard_normal(out=self._normal)
+        batch.targets_for(self.model.legs, self.tuning, self._control)
+        self._pool.rollout(
+            self._models, self._datas, batch.state, self._control, nstep=self._substeps, skip_checks=True,
+            state=self._states, sensordata=self._sensors,
+        )  # fmt: skip
+        low = np.array(config.command_range[0::2]) * self.difficulty
+        high = np.array(config.command_range[1::2]) * self.difficulty
+        step_kernel(
+            self.model.legs, self.tuning, batch, self._states[:, -1], self._sensors[:, -1], self._touch,
+            self._uniform, self._normal, low, high, config.push_speed * self.difficulty, config.push_interval,
+            round(config.episode * config.control), self._wrap, self._observation, self._privileged, self._reward,
+            self._terminated, self._truncated, self._terms,
+        )  # fmt: skip
+        return Transition(self._observation, self._privileged, self._reward, self._terminated, self._truncated)
+
+    def reward_terms(self) -> dict[str, float]:
+        """Mean of each part of the reward in the last step."""
+        return dict(zip(REWARDS, self._terms.mean(axis=0).tolist()))
+
+
+def compile_training_model(model: QuadrupedModel, physics: int, num_sills: int) -> mujoco.MjModel:
+    """The robot, free to move, on a floor with bars sunk into it."""
+    arena = RootElement(model="floor")
+    arena.worldbody.add("geom", name="floor", type="plane", size=(0, 0, 1), contype=0, conaffinity=TOUCHES_FLOOR)
+    sills = arena.worldbody.add("body", name="sills")
+    for k in range(num_sills):
+        sills.add(
+            "geom", name=f"sill_{k}", type="box", size=(SILL_DEPTH / 2.0, 4.0, SILL_HALF_HEIGHT), contype=0,
+            conaffinity=TOUCHES_FLOOR, pos=((k - 0.5 * (num_sills - 1)) * SILL_SPACING, 0, SILL_TOP - SILL_HALF_HEIGHT),
+        )  # fmt: skip
+    arena.attach(model.mjcf(touch=True)).add("freejoint")
+    option = arena.option
+    option.timestep = 1.0 / physics
+    option.iterations, option.ls_iterations = 6, 8
+    return mujoco.MjModel.from_xml_string(arena.to_xml_string())

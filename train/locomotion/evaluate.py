@@ -1,0 +1,204 @@
+"""How well a gait tracks its commands, and how often it falls.
+
+On the full contact model, through the robot's own sensors with their noise, at the simulation's rates.
+
+Run as ``python -m train.locomotion.evaluate --robot go2 --out DIR``.
+"""
+
+# pyright: reportAttributeAccessIssue=false, reportOptionalMemberAccess=false
+# (MuJoCo's compiled bindings are invisible to a static checker.)
+
+import copy
+import itertools
+import json
+import math
+import sys
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import tyro
+from tqdm import tqdm
+
+from robots.kinematics import planar_pose
+from robots.locomotion.body import Quadruped
+from robots.locomotion.model import QuadrupedModel
+from robots.noise import NoiseConfig
+from robots.registry import find_quadruped
+from train.locomotion.environment import compile_training_model
+from train.locomotion.randomise import SILL_SPACING, Randomisation, randomise
+from vuca_nav.types import STOP, FloatArray, Pose2, VelocityCommand
+
+CONTROL, PHYSICS = 60, 300
+"""As in robots.simulation [Hz]."""
+
+
+class Track:
+    """One robot on an endless floor, in full contact physics.
+
+    Args:
+        body: The robot.
+        seed: Of its sensors' errors, its variation and its floor.
+        vary: Friction, mass, motors and so on as in training; else as built.
+        roughness: 0 flat, 1 sills of up to 4.5 cm and slopes of up to 11%; only of a varied robot.
+    """
+
+    def __init__(self, body: Quadruped, seed: int, *, vary: bool, roughness: float = 0.0):
+        self._body, self._rng = body, np.random.default_rng(seed)
+        num_sills = 40 if roughness else 0
+        base = compile_training_model(QuadrupedModel(body.config), PHYSICS, num_sills)
+        base.opt.iterations, base.opt.ls_iterations = 10, 10
+        self.model = copy.copy(base)
+        if vary:
+            randomise(self.model, base, Randomisation(), self._rng, roughness)
+        self.data = mujoco.MjData(self.model)
+        joint = int(self.model.jnt_qposadr[0])
+        self._qpos, self._qvel = self.data.qpos[joint : joint + 7], self.data.qvel[:6]
+        self._bound = body.bind(self.model, self.data, 1.0 / CONTROL, NoiseConfig())
+        self._half = 0.5 * num_sills * SILL_SPACING
+        self.restart()
+
+    def restart(self) -> None:
+        """Lie down, stand up."""
+        mujoco.mj_resetData(self.model, self.data)
+        self._bound.reset(Pose2(0.0, 0.0, self._rng.uniform(-math.pi, math.pi)), self._rng)
+        for _ in range(round(self._body.settle_time * CONTROL)):
+            self.step(STOP)
+        self._bound.start_odometry()
+
+    def step(self, command: VelocityCommand) -> tuple[float, float, float]:
+        """One control step; the true velocity in the heading frame, v_x, v_y [m/s], w_z [rad/s]."""
+        self._bound.apply(command)
+        mujoco.mj_step(self.model, self.data, nstep=PHYSICS // CONTROL)
+        self._bound.update_odometry()
+        if self._half and abs(self._qpos[0]) > self._half + 0.5:
+            self._qpos[0] -= math.copysign(2.0 * self._half + 1.0, self._qpos[0])
+        _, _, yaw = planar_pose(self._qpos)
+        c, s = math.cos(yaw), math.sin(yaw)
+        v_x, v_y = self._qvel[0], self._qvel[1]
+        up = np.empty(9)
+        mujoco.mju_quat2Mat(up, self._qpos[3:7])
+        return c * v_x + s * v_y, c * v_y - s * v_x, float(up[6:9] @ self._qvel[3:6])
+
+    def push(self, speed: float) -> None:
+        """A sudden change of velocity in a random direction [m/s]."""
+        angle = self._rng.uniform(-math.pi, math.pi)
+        self._qvel[0] += speed * math.cos(angle)
+        self._qvel[1] += speed * math.sin(angle)
+
+    @property
+    def fallen(self) -> bool:
+        """Whether it lies."""
+        return self._bound.has_fallen()
+
+
+def grid() -> list[VelocityCommand]:
+    """5 x 3 x 4 commands over v_x, v_y, w_z."""
+    axes = (np.linspace(-0.6, 1.2, 5), np.linspace(-0.4, 0.4, 3), np.linspace(-1.2, 1.2, 4))
+    return [VelocityCommand(*map(float, command)) for command in itertools.product(*axes)]
+
+
+@dataclass(frozen=True, slots=True)
+class Tracking:
+    """Errors over a grid of commands; v_x, v_y [m/s], w_z [rad/s]."""
+
+    rmse: tuple[float, float, float]
+    """Root mean square of the momentary error, over all commands."""
+    mean_error: tuple[float, float, float]
+    """Root mean square, over the commands, of the mean velocity's error."""
+    falls: int
+    commands: int
+
+
+def track_grid(body: Quadruped, *, push_every: float | None, seconds: float = 10.0, seed: int = 0) -> Tracking:
+    """Each command of the grid for some seconds on a varied robot, the first second left out."""
+    errors: list[FloatArray] = []
+    falls = 0
+    for k, command in enumerate(tqdm(grid(), desc="tracking", unit="command", file=sys.stderr)):
+        track = Track(body, 1000 * seed + k, vary=True)
+        rows = []
+        for tick in range(round(seconds * CONTROL)):
+            if push_every and tick % round(push_every * CONTROL) == round(0.5 * push_every * CONTROL):
+                track.push(0.5)
+            rows.append(track.step(command))
+            if track.fallen:
+                falls += 1
+                break
+        errors.append(np.array(rows[CONTROL:]) - command)
+    stacked = np.concatenate(errors)
+    means = np.array([e.mean(axis=0) for e in errors if len(e)])
+    return Tracking(_rms(stacked), _rms(means), falls, len(errors))
+
+
+def count_falls(body: Quadruped, minutes: float, *, roughness: float, push_every: float = 5.0, seed: int = 0) -> int:
+    """Falls in so many minutes of random commands with pushes of 0.5 m/s, a new robot and floor each minute."""
+    falls = 0
+    low, high = np.array([-0.6, -0.4, -1.2]), np.array([1.2, 0.4, 1.2])
+    for minute in tqdm(range(math.ceil(minutes)), desc="falls", unit="min", file=sys.stderr):
+        rng = np.random.default_rng((seed, minute, 7))
+        track = Track(body, 100_000 + 1000 * seed + minute, vary=True, roughness=roughness)
+        command = STOP
+        for tick in range(60 * CONTROL):
+            if tick % (3 * CONTROL) == 0:
+                command = STOP if rng.random() < 0.1 else VelocityCommand(*rng.uniform(low, high).tolist())
+            if tick % round(push_every * CONTROL) == CONTROL:
+                track.push(0.5)
+            track.step(command)
+            if track.fallen:
+                falls += 1
+                track.restart()
+    return falls
+
+
+def real_time_factor(body: Quadruped, seconds: float = 20.0) -> float:
+    """Of physics and gait alone, walking, on one core."""
+    track = Track(body, 0, vary=False)
+    command = VelocityCommand(0.6, 0.0, 0.4)
+    start = time.perf_counter()
+    for _ in range(round(seconds * CONTROL)):
+        track.step(command)
+    return seconds / (time.perf_counter() - start)
+
+
+def _rms(errors: FloatArray) -> tuple[float, float, float]:
+    v_x, v_y, w_z = np.sqrt((errors**2).mean(axis=0)).tolist()
+    return v_x, v_y, w_z
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Measure a gait."""
+
+    robot: str = "go2"
+    weights: Path | None = None
+    """By default those shipped."""
+    out: Path | None = None
+    """JSON file of the results."""
+    minutes: float = 60.0
+    """Of random commands, on flat floor and on sills and ramps."""
+    seed: int = 0
+
+
+def main() -> None:
+    """Print a table, write JSON."""
+    arguments = tyro.cli(Arguments)
+    body = Quadruped(find_quadruped(arguments.robot), arguments.weights)
+    results: dict = {"robot": arguments.robot, "minutes": arguments.minutes}
+    results["real_time_factor"] = real_time_factor(body)
+    for name, push in (("undisturbed", None), ("pushed", 2.0)):
+        results[name] = asdict(track_grid(body, push_every=push, seed=arguments.seed))
+        print(name, json.dumps(results[name]), flush=True)
+    if arguments.minutes > 0.0:
+        for name, roughness in (("falls_flat", 0.0), ("falls_rough", 0.9)):
+            results[name] = count_falls(body, arguments.minutes, roughness=roughness, seed=arguments.seed)
+            print(name, results[name], flush=True)
+    print(json.dumps(results))
+    if arguments.out is not None:
+        arguments.out.parent.mkdir(parents=True, exist_ok=True)
+        arguments.out.write_text(json.dumps(results, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main()

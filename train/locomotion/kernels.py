@@ -1,0 +1,305 @@
+"""One control step of a batch after the physics: reward, end of episode, reset, and the next observation."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from robots.locomotion.kernels import (
+    ACTION_SIZE,
+    OBSERVATION_SIZE,
+    advance_clock,
+    fill_observation,
+    foot_motion,
+    joint_targets,
+    leg_phase,
+    leg_velocity,
+    level_velocity,
+    servo_torque,
+)
+from robots.locomotion.odometry import VELOCITY_GAIN
+
+CRITIC_SIZE = OBSERVATION_SIZE + 11
+"""Observation, then velocity 3, height, contacts 4, slow tracking error 3."""
+NUM_UNIFORM = 36
+NUM_NORMAL = 30
+REWARDS = (
+    "linear", "linear_fine", "yaw", "yaw_fine", "mean_error", "clock", "alive", "bounce", "roll_pitch_rate", "tilt",
+    "height", "torque", "action_rate", "action_jerk", "hips", "slip", "clearance", "stand",
+)  # fmt: skip
+_FALL_UP = 0.5
+"""Vertical part of base_link's z axis below which it has fallen: 60 degrees."""
+_FALL_HEIGHT = 0.13
+"""Of base_link [m]."""
+_CONTACT = 2.0
+"""Force that counts as contact [N]."""
+_SLOW = 0.5
+"""Time constant of the slow tracking error [s]."""
+
+
+class Batch(NamedTuple):
+    """What each robot carries from step to step, (n, ...)."""
+
+    state: np.ndarray
+    """MuJoCo's: time, position 19, velocity 18."""
+    action: np.ndarray
+    last_action: np.ndarray
+    older_action: np.ndarray
+    targets: np.ndarray
+    """Of the joints [rad]."""
+    last_targets: np.ndarray
+    wanted: np.ndarray
+    """Command as drawn (n, 3)."""
+    command: np.ndarray
+    """After the slew limit (n, 3)."""
+    clock: np.ndarray
+    velocity: np.ndarray
+    """As the robot estimates it (n, 2) [m/s]."""
+    slow_error: np.ndarray
+    """Low-passed tracking error (n, 3)."""
+    up_world: np.ndarray
+    """Against gravity, in the world (n, 3)."""
+    delay: np.ndarray
+    """Physics steps until new targets reach the servos."""
+    age: np.ndarray
+    """Control steps."""
+    until_command: np.ndarray
+    """Control steps."""
+    must_reset: np.ndarray
+    joint_bias: np.ndarray
+    """Of the encoders (n, 12) [rad]."""
+
+    @classmethod
+    def zeros(cls, n: int, state_size: int) -> "Batch":
+        """Robots that will all be reset."""
+        widths = (state_size, *(ACTION_SIZE,) * 5, 3, 3, 2, 2, 3, 3)
+        ints = [np.zeros(n, np.int64) for _ in range(3)]
+        arrays = [np.zeros((n, width)) for width in widths]
+        return cls._make((*arrays, *ints, np.ones(n, np.bool_), np.zeros((n, ACTION_SIZE))))
+
+    def targets_for(self, legs, tuning, control: np.ndarray) -> None:
+        """Joint targets of the actions, each robot's late by its delay. control: (n, substeps, ACTION_SIZE)."""
+        _targets(
+            legs, tuning, self.command, self.clock, self.action, self.targets, self.last_targets, self.delay, control
+        )
+
+
+@njit(cache=True)
+def _targets(legs, tuning, command, clock, action, targets, last_targets, delay, control):
+    for i in range(len(action)):
+        last_targets[i] = targets[i]
+        joint_targets(legs, tuning, command[i], clock[i], action[i], targets[i])
+        for s in range(control.shape[1]):
+            control[i, s] = last_targets[i] if s < delay[i] else targets[i]
+
+
+@njit(cache=True)
+def _up_in_base(quaternion, up_world, out):
+    """R^T up_world for the quaternion w, x, y, z."""
+    w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
+    u0, u1, u2 = up_world[0], up_world[1], up_world[2]
+    out[0] = (1 - 2 * (y * y + z * z)) * u0 + 2 * (x * y + w * z) * u1 + 2 * (x * z - w * y) * u2
+    out[1] = 2 * (x * y - w * z) * u0 + (1 - 2 * (x * x + z * z)) * u1 + 2 * (y * z + w * x) * u2
+    out[2] = 2 * (x * z + w * y) * u0 + 2 * (y * z - w * x) * u1 + (1 - 2 * (x * x + y * y)) * u2
+
+
+@njit(cache=True)
+def _rotate_back(quaternion, v, out):
+    """R^T v."""
+    _up_in_base(quaternion, v, out)
+
+
+@njit(cache=True)
+def _draw_command(u, low, high, out):
+    """A tenth of the commands stand still, three tenths move along one axis only."""
+    for k in range(3):
+        out[k] = low[k] + (high[k] - low[k]) * u[k]
+    if u[3] < 0.1:
+        out[:] = 0.0
+    elif u[3] < 0.4:
+        axis = int((u[3] - 0.1) * 10.0)
+        for k in range(3):
+            if k != axis:
+                out[k] = 0.0
+
+
+@njit(cache=True)
+def _reset(tuning, batch, i, u, low, high):
+    state = batch.state[i]
+    state[:] = 0.0
+    yaw = math.pi * (2.0 * u[0] - 1.0)
+    state[3] = tuning.hip_height + 0.02
+    state[4], state[7] = math.cos(yaw / 2.0), math.sin(yaw / 2.0)
+    for j in range(12):
+        state[8 + j] = tuning.nominal[j] + 0.1 * (2.0 * u[1 + j] - 1.0)
+    for k in range(3):
+        state[20 + k] = 0.4 * (2.0 * u[13 + k] - 1.0)
+        state[23 + k] = 0.4 * (2.0 * u[16 + k] - 1.0)
+    batch.action[i] = 0.0
+    batch.last_action[i] = 0.0
+    batch.older_action[i] = 0.0
+    batch.targets[i] = tuning.nominal
+    batch.last_targets[i] = tuning.nominal
+    batch.velocity[i] = 0.0
+    batch.slow_error[i] = 0.0
+    batch.command[i] = 0.0
+    batch.clock[i, 0], batch.clock[i, 1] = u[19], 1.0 if u[20] < 0.5 else 0.0
+    _draw_command(u[21:25], low, high, batch.wanted[i])
+    batch.age[i] = 0
+    batch.until_command[i] = 60 + int(240.0 * u[25])
+    for j in range(12):
+        batch.joint_bias[i, j] = 0.02 * (2.0 * u[(j * 7 + 3) % 36] - 1.0)
+
+
+@njit(cache=True)
+def step_kernel(
+    legs, tuning, batch, states, sensors, touch, uniform, normal, low, high, push_speed, push_interval, episode,
+    wrap, observation, privileged, reward, terminated, truncated, terms,
+):  # fmt: skip
+    """Everything of a control step that is not physics; the batch and the last six arguments are changed."""
+    up, v_base, position, rolling, planar = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(2)
+    torque, noisy_gyro, noisy_up, q, dq = np.empty(3), np.empty(3), np.empty(3), np.empty(12), np.empty(12)
+    clean = np.empty(OBSERVATION_SIZE)
+    for i in range(len(states)):
+        batch.state[i] = states[i]
+        state, u, g = batch.state[i], uniform[i], normal[i]
+        command, clock, action = batch.command[i], batch.clock[i], batch.action[i]
+        _up_in_base(state[4:8], batch.up_world[i], up)
+        _rotate_back(state[4:8], state[20:23], v_base)
+        gyro = state[23:26]
+        level_velocity(up, v_base[0], v_base[1], v_base[2], planar)
+        yaw_rate = gyro[0] * up[0] + gyro[1] * up[1] + gyro[2] * up[2]
+        v_up = v_base[0] * up[0] + v_base[1] * up[1] + v_base[2] * up[2]
+
+        # -- what the feet do, seen from the true state
+        slip, clearance, matches, effort, ground, standing = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for leg in range(4):
+            j = 3 * leg
+            for k in range(3):
+                torque[k] = servo_torque(tuning, j + k, batch.targets[i, j + k], state[8 + j + k], state[26 + j + k])
+                effort += torque[k] ** 2
+            foot_motion(legs, leg, state[8 + j : 11 + j], state[26 + j : 29 + j], gyro, up, torque, rolling)
+            contact = sensors[i, touch[leg]] > _CONTACT
+            phase = leg_phase(leg, clock[0])
+            stance = phase < tuning.duty or clock[1] < 0.5
+            matches += 1.0 if contact == stance else 0.0
+            foot_height = _foot_height(legs, leg, state[8 + j : 11 + j], up, position)
+            if contact:
+                slip += (rolling[0] - v_base[0]) ** 2 + (rolling[1] - v_base[1]) ** 2
+                ground += foot_height - legs.foot_radius
+                standing += 1.0
+        ground = ground / standing if standing > 0.0 else -tuning.hip_height
+        height = -ground
+        for leg in range(4):
+            phase = leg_phase(leg, clock[0])
+            if phase >= tuning.duty and clock[1] > 0.5:
+                lift = tuning.swing_height * math.sin(math.pi * (phase - tuning.duty) / (1.0 - tuning.duty))
+                j = 3 * leg
+                now = _foot_height(legs, leg, state[8 + j : 11 + j], up, position) - legs.foot_radius - ground
+                clearance += min(now - lift, 0.0) ** 2
+
+        # -- the reward
+        e_x, e_y, e_w = command[0] - planar[0], command[1] - planar[1], command[2] - yaw_rate
+        keep = math.exp(-tuning.dt / _SLOW)
+        slow = batch.slow_error[i]
+        slow[0] = keep * slow[0] + (1.0 - keep) * e_x
+        slow[1] = keep * slow[1] + (1.0 - keep) * e_y
+        slow[2] = keep * slow[2] + (1.0 - keep) * e_w
+        linear2 = e_x * e_x + e_y * e_y
+        slow2 = slow[0] ** 2 + slow[1] ** 2 + (0.5 * slow[2]) ** 2
+        rate, jerk, hips, still = 0.0, 0.0, 0.0, 0.0
+        for j in range(12):
+            rate += (action[j] - batch.last_action[i, j]) ** 2
+            jerk += (action[j] - 2.0 * batch.last_action[i, j] + batch.older_action[i, j]) ** 2
+            if j % 3 == 0:
+                hips += (tuning.action_scale[j] * action[j]) ** 2
+            still += abs(state[8 + j] - tuning.nominal[j]) + 0.05 * abs(state[26 + j])
+        t = terms[i]
+        t[0], t[1] = math.exp(-linear2 / 0.25), 1.25 * math.exp(-linear2 / 0.01)
+        t[2], t[3] = 0.5 * math.exp(-e_w * e_w / 0.25), 2.0 * math.exp(-e_w * e_w / 0.02)
+        t[4] = math.exp(-slow2 / 0.01)
+        t[5], t[6] = 0.5 * matches / 4.0, 0.3
+        t[7], t[8] = -v_up * v_up, -0.05 * (gyro[0] ** 2 + gyro[1] ** 2)
+        t[9], t[10] = -10.0 * (up[0] ** 2 + up[1] ** 2), -40.0 * (height - tuning.hip_height) ** 2
+        t[11], t[12], t[13] = -1e-4 * effort, -0.02 * rate, -0.01 * jerk
+        t[14], t[15], t[16] = -0.3 * hips, -0.1 * slip, -15.0 * clearance
+        t[17] = -0.5 * still if clock[1] == 0.0 else 0.0
+        total = 0.0
+        for k in range(len(t)):
+            total += t[k]
+        reward[i] = max(total, 0.0) * tuning.dt
+
+        # -- ends and beginnings
+        batch.age[i] += 1
+        finite = True
+        for k in range(len(state)):
+            if not math.isfinite(state[k]):
+                finite = False
+        terminated[i] = not finite or up[2] < _FALL_UP or height < _FALL_HEIGHT
+        truncated[i] = (batch.age[i] >= episode or batch.must_reset[i]) and not terminated[i]
+        if not finite:
+            reward[i] = 0.0
+        batch.must_reset[i] = False
+        batch.older_action[i] = batch.last_action[i]
+        batch.last_action[i] = action
+        if terminated[i] or truncated[i]:
+            _reset(tuning, batch, i, u, low, high)
+            _up_in_base(state[4:8], batch.up_world[i], up)
+            _rotate_back(state[4:8], state[20:23], v_base)
+            height = tuning.hip_height
+        else:
+            batch.until_command[i] -= 1
+            if batch.until_command[i] <= 0:
+                _draw_command(u[0:4], low, high, batch.wanted[i])
+                batch.until_command[i] = 60 + int(240.0 * u[4])
+            if u[5] < tuning.dt / push_interval:
+                angle, speed = 2.0 * math.pi * u[6], push_speed * u[7]
+                state[20] += speed * math.cos(angle)
+                state[21] += speed * math.sin(angle)
+                state[25] += push_speed * (u[8] - 0.5)
+            if abs(state[1]) > wrap:
+                state[1] -= math.copysign(2.0 * wrap, state[1])
+            if abs(state[2]) > 2.0:
+                state[2] -= math.copysign(2.0, state[2])
+
+        # -- what the robot now measures, estimates and is told
+        for k in range(3):
+            noisy_gyro[k] = gyro[k] + 0.03 * g[k]
+            noisy_up[k] = up[k] + 0.01 * g[3 + k]
+        for j in range(12):
+            q[j] = state[8 + j] + 0.005 * g[6 + j] + batch.joint_bias[i, j]
+            dq[j] = state[26 + j] + 0.3 * g[18 + j]
+        worth = leg_velocity(legs, tuning, noisy_gyro, noisy_up, q, dq, batch.targets[i], planar)
+        for k in range(2):
+            batch.velocity[i, k] += VELOCITY_GAIN * worth * (planar[k] - batch.velocity[i, k])
+        advance_clock(tuning, batch.wanted[i], command, clock)
+        fill_observation(
+            tuning, noisy_gyro, noisy_up, command, q, dq, batch.last_action[i], clock, batch.velocity[i], clean
+        )
+        for k in range(OBSERVATION_SIZE):
+            observation[i, k] = clean[k]
+        fill_observation(
+            tuning, gyro, up, command, state[8:20], state[26:38], batch.last_action[i], clock, batch.velocity[i], clean
+        )
+        for k in range(OBSERVATION_SIZE):
+            privileged[i, k] = clean[k]
+        n = OBSERVATION_SIZE
+        privileged[i, n], privileged[i, n + 1], privileged[i, n + 2] = v_base[0], v_base[1], v_base[2]
+        privileged[i, n + 3] = height
+        for leg in range(4):
+            privileged[i, n + 4 + leg] = 1.0 if sensors[i, touch[leg]] > _CONTACT else 0.0
+        for k in range(3):
+            privileged[i, n + 8 + k] = slow[k]
+
+
+@njit(cache=True)
+def _foot_height(legs, leg, q, up, scratch):
+    """Of a foot's centre over base_link's origin, along the vertical [m]."""
+    x = -legs.thigh * math.sin(q[1]) - legs.shank * math.sin(q[1] + q[2])
+    h = legs.thigh * math.cos(q[1]) + legs.shank * math.cos(q[1] + q[2])
+    d, c, s = legs.offsets[leg], math.cos(q[0]), math.sin(q[0])
+    scratch[0] = legs.hips[leg, 0] + x
+    scratch[1] = legs.hips[leg, 1] + d * c + h * s
+    scratch[2] = legs.hips[leg, 2] + d * s - h * c
+    return scratch[0] * up[0] + scratch[1] * up[1] + scratch[2] * up[2]

@@ -1,0 +1,134 @@
+"""Actor and critic as torch modules, their mirror symmetry, and the export of the actor."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import torch
+from safetensors.numpy import save_file
+from tensordict.nn import TensorDictModule
+from torch import Tensor, nn
+from torch.distributions import Independent, Normal
+from torchrl.modules import ProbabilisticActor, ValueOperator
+
+from robots.locomotion.config import QuadrupedConfig
+from robots.locomotion.kernels import ACTION_SIZE, OBSERVATION_SIZE
+from robots.locomotion.network import CLIP, FORMAT, gait_contract
+from train.locomotion.kernels import CRITIC_SIZE
+
+_SWAPPED_LEGS = [3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8]
+_LEG_SIGNS = [-1.0, 1.0, 1.0] * 4
+
+
+def action_mirror() -> tuple[list[int], list[float]]:
+    """Left and right exchanged: ``mirrored = signs * action[order]``."""
+    return _SWAPPED_LEGS, _LEG_SIGNS
+
+
+def observation_mirror() -> tuple[list[int], list[float]]:
+    """The same for an observation: gyro, up, command, angles, speeds, action, clock, velocity."""
+    order, signs = list(range(9)), [-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, 1.0, -1.0, -1.0]
+    for start in (9, 21, 33):
+        order += [start + j for j in _SWAPPED_LEGS]
+        signs += _LEG_SIGNS
+    # Half a stride later is what the other diagonal does: sine and cosine change sign.
+    return [*order, 45, 46, 47, 48], [*signs, -1.0, -1.0, 1.0, -1.0]
+
+
+def privileged_mirror() -> tuple[list[int], list[float]]:
+    """The same for what the critic sees in addition: velocity 3, height, contacts 4, slow error 3."""
+    order, signs = observation_mirror()
+    n = OBSERVATION_SIZE
+    extra = [n, n + 1, n + 2, n + 3, n + 5, n + 4, n + 7, n + 6, n + 8, n + 9, n + 10]
+    return [*order, *extra], [*signs, 1.0, -1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, -1.0, -1.0]
+
+
+class Normaliser(nn.Module):
+    """Running mean and deviation of symmetric inputs, frozen by not updating them."""
+
+    def __init__(self, size: int, mirror: tuple[list[int], list[float]]):
+        super().__init__()
+        self.mean: Tensor
+        self.variance: Tensor
+        self.count: Tensor
+        self.register_buffer("mean", torch.zeros(size))
+        self.register_buffer("variance", torch.ones(size))
+        self.register_buffer("count", torch.tensor(1e-4))
+        self._order, self._signs = torch.tensor(mirror[0]), torch.tensor(mirror[1])
+
+    def update(self, x: Tensor) -> None:
+        """Take in a batch (n, size) and its mirror image (Chan's parallel variance)."""
+        x = torch.cat((x, x[:, self._order] * self._signs))
+        total = self.count + len(x)
+        delta = x.mean(0) - self.mean
+        m2 = self.variance * self.count + x.var(0, correction=0) * len(x) + delta**2 * self.count * len(x) / total
+        self.mean += delta * len(x) / total
+        self.variance.copy_(m2 / total)
+        self.count.copy_(total)
+
+    def scale(self) -> Tensor:
+        """What a centred input is multiplied by."""
+        return (self.variance + 1e-4).rsqrt()
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Normalised and clipped."""
+        return ((x - self.mean) * self.scale()).clamp(-CLIP, CLIP)
+
+
+def _perceptron(inputs: int, hidden: int, outputs: int, gain: float) -> nn.Sequential:
+    layers = [nn.Linear(inputs, hidden), nn.Linear(hidden, hidden), nn.Linear(hidden, outputs)]
+    for layer, g in zip(layers, (1.41, 1.41, gain)):
+        nn.init.orthogonal_(layer.weight, g)
+        nn.init.zeros_(layer.bias)
+    return nn.Sequential(layers[0], nn.ELU(), layers[1], nn.ELU(), layers[2])
+
+
+class ActorNetwork(nn.Module):
+    """Mean and deviation of an action for a normalised observation."""
+
+    def __init__(self, hidden: int, initial_std: float):
+        super().__init__()
+        self.layers = _perceptron(OBSERVATION_SIZE, hidden, ACTION_SIZE, 0.01)
+        self.log_std = nn.Parameter(torch.full((ACTION_SIZE,), float(np.log(initial_std))))
+
+    def forward(self, observation: Tensor) -> tuple[Tensor, Tensor]:
+        """(n, OBSERVATION_SIZE) to twice (n, ACTION_SIZE)."""
+        mean = self.layers(observation)
+        return mean, self.log_std.clamp(-3.0, 0.0).exp().expand_as(mean)
+
+
+class DiagonalNormal(Independent):
+    """A normal distribution of independent actions, as TorchRL's actor wants it."""
+
+    def __init__(self, loc: Tensor, scale: Tensor):
+        super().__init__(Normal(loc, scale, validate_args=False), 1, validate_args=False)
+
+
+def make_actor(hidden: int = 128, initial_std: float = 0.5) -> ProbabilisticActor:
+    """Reads "observation" (normalised), writes "action" and "action_log_prob"."""
+    module = TensorDictModule(ActorNetwork(hidden, initial_std), ["observation"], ["loc", "scale"])
+    return ProbabilisticActor(
+        module, in_keys=["loc", "scale"], distribution_class=DiagonalNormal, return_log_prob=True
+    )  # fmt: skip
+
+
+def make_critic(hidden: int = 128) -> ValueOperator:
+    """Reads "privileged" (normalised), writes "state_value"."""
+    return ValueOperator(_perceptron(CRITIC_SIZE, hidden, 1, 1.0), in_keys=["privileged"])
+
+
+def export(
+    path: Path, robot: QuadrupedConfig, network: ActorNetwork, normaliser: Normaliser, notes: dict[str, str]
+) -> None:
+    """Write the actor as robots.locomotion.network reads it."""
+    tensors = {"mean": normaliser.mean, "scale": normaliser.scale()}
+    linear = [layer for layer in network.layers if isinstance(layer, nn.Linear)]
+    for k, layer in enumerate(linear):
+        tensors[f"weight_{k}"], tensors[f"bias_{k}"] = layer.weight, layer.bias
+    arrays = {key: np.ascontiguousarray(t.detach().numpy(), np.float32) for key, t in tensors.items()}
+    metadata = {"format": FORMAT, "robot": robot.spec.name, "gait": gait_contract(robot), **notes}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_suffix(".tmp")
+    save_file(arrays, temporary, metadata)
+    temporary.replace(path)
+    path.with_suffix(".json").write_text(json.dumps(metadata, indent=2) + "\n")

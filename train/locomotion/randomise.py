@@ -1,0 +1,88 @@
+"""What differs between the training's robots and floors, so that the gait works on one it has not seen."""
+
+# pyright: reportAttributeAccessIssue=false, reportOptionalMemberAccess=false
+# (MuJoCo's compiled bindings are invisible to a static checker.)
+
+import math
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+GRAVITY = 9.81
+SILL_SPACING = 0.9
+"""Between the middles of two bars [m]."""
+SILL_DEPTH = 0.5
+"""Of a bar along x, at most [m]."""
+SILL_TOP = 0.045
+"""Of a bar over the floor, at most [m]."""
+SILL_HALF_HEIGHT = 0.5
+"""Bars are sunk into the floor [m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Randomisation:
+    """Ranges of uniform draws, relative unless a unit is given."""
+
+    friction: tuple[float, float] = (0.4, 1.25)
+    """Sliding, of feet on floor."""
+    spin_friction: tuple[float, float] = (0.3, 1.5)
+    """Torsional and rolling."""
+    payload: tuple[float, float] = (-1.0, 2.0)
+    """On the trunk [kg]."""
+    centre_of_mass: float = 0.03
+    """Shift of the trunk's, either way, along each axis [m]."""
+    gains: tuple[float, float] = (0.9, 1.1)
+    """Of the servos."""
+    strength: tuple[float, float] = (0.85, 1.05)
+    """Of the torque limits."""
+    damping: tuple[float, float] = (0.5, 2.0)
+    armature: tuple[float, float] = (0.8, 1.2)
+    joint_friction: tuple[float, float] = (0.3, 1.6)
+    sill_height: tuple[float, float] = (0.0, SILL_TOP)
+    """At full roughness [m]."""
+    slope: float = 0.11
+    """At full roughness, either way."""
+
+
+def randomise(
+    model: mujoco.MjModel, base: mujoco.MjModel, ranges: Randomisation, rng: np.random.Generator, roughness: float
+) -> None:
+    """Make a model a random variant of ``base``.
+
+    A ramp is a level floor under a tilted gravity: to the robot there is no difference.
+    """
+
+    def draw(low_high: tuple[float, float]) -> float:
+        return float(rng.uniform(*low_high))
+
+    feet = base.geom_priority > 0
+    model.geom_friction[feet, 0] = draw(ranges.friction)
+    model.geom_friction[feet, 1:] = base.geom_friction[feet, 1:] * draw(ranges.spin_friction)
+    trunk = int(base.jnt_bodyid[0]) + 1  # attaching puts a massless body with the free joint around it
+    payload = draw(ranges.payload)
+    scale = (base.body_mass[trunk] + payload) / base.body_mass[trunk]
+    model.body_mass[trunk] = base.body_mass[trunk] * scale
+    model.body_inertia[trunk] = base.body_inertia[trunk] * scale
+    shift = ranges.centre_of_mass
+    model.body_ipos[trunk] = base.body_ipos[trunk] + rng.uniform(-shift, shift, 3)
+    kp, kd = draw(ranges.gains), draw(ranges.gains)
+    model.actuator_gainprm[:, 0] = base.actuator_gainprm[:, 0] * kp
+    model.actuator_biasprm[:, 1] = base.actuator_biasprm[:, 1] * kp
+    model.actuator_biasprm[:, 2] = base.actuator_biasprm[:, 2] * kd
+    model.actuator_forcerange[:] = base.actuator_forcerange * draw(ranges.strength)
+    model.dof_damping[6:] = base.dof_damping[6:] * draw(ranges.damping)
+    model.dof_armature[6:] = base.dof_armature[6:] * draw(ranges.armature)
+    model.dof_frictionloss[6:] = base.dof_frictionloss[6:] * draw(ranges.joint_friction)
+
+    angle, slope = rng.uniform(-math.pi, math.pi), roughness * rng.uniform(0.0, ranges.slope) * (rng.random() < 0.5)
+    down = np.array([slope * math.cos(angle), slope * math.sin(angle), -1.0])
+    model.opt.gravity[:] = GRAVITY * down / np.linalg.norm(down)
+    sills = base.geom_bodyid == model.body("sills").id
+    if not sills.any():
+        return
+    rough = roughness > 0.0 and rng.random() < 0.6
+    height = rng.uniform(*ranges.sill_height, sills.sum()) * roughness
+    # Only within the compiled size and height: MuJoCo's broad phase knows static shapes as they were compiled.
+    model.geom_size[sills, 0] = 0.5 * rng.uniform(0.1 * SILL_DEPTH, SILL_DEPTH, sills.sum())
+    model.geom_pos[sills, 2] = (height if rough else -0.1) - SILL_HALF_HEIGHT

@@ -1,0 +1,183 @@
+"""How a body's velocity follows its command: gain, lag, delay and noise of each axis, identified in MuJoCo.
+
+The training arena moves its robots by this model; evaluation runs the body itself. Run as
+``python -m train.response --robot go2 --out DIR``.
+"""
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+from numba import njit
+from scipy.optimize import minimize_scalar
+
+from robots.body import Body
+from robots.noise import NoiseConfig
+from robots.registry import make_body
+from robots.simulation import Simulation
+from vuca_nav.errors import VucaError
+from vuca_nav.geometry import between
+from vuca_nav.types import FloatArray, Pose2, VelocityCommand
+from worlds.world import World
+
+RATE = 30.0
+"""Of commands and of what is measured [Hz]."""
+AXES = ("v_x", "v_y", "w_z")
+MAX_DELAY = 10
+"""Of those tried [ticks]."""
+_HALL = 400.0
+"""Side of the empty hall: nothing is ever near [m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class AxisResponse:
+    """One axis: ``v += clip((gain u(t - delay) - v) dt / lag, -a dt, a dt)``, and what is left as noise."""
+
+    gain: float
+    lag: float
+    """[s]"""
+    delay: float
+    """[s]"""
+    acceleration: float
+    """Limit of the body's own [m/s^2 or rad/s^2]."""
+    noise: float
+    """Standard deviation of the momentary velocity about the model [m/s or rad/s]."""
+    explained: float
+    """Share of the measured variance that the model explains."""
+
+
+def excite(body: Body, axis: int, seed: int, seconds: float = 60.0) -> tuple[FloatArray, FloatArray]:
+    """Command steps, then a chirp, on one axis, the others at rest.
+
+    Returns:
+        Command (n,) and the velocity that came of it over the same tick (n,).
+    """
+    spec = body.spec
+    low, high = ((spec.min_v_x, spec.max_v_x), (-spec.max_v_y, spec.max_v_y), (-spec.max_w_z, spec.max_w_z))[axis]
+    rng = np.random.default_rng(seed)
+    n = round(seconds * RATE / 2.0)
+    steps = np.repeat(rng.uniform(low, high, math.ceil(n / RATE / 1.5)), round(1.5 * RATE))[:n]
+    t = np.arange(n) / RATE
+    # From 0.1 to 1.5 Hz, linear.
+    chirp = 0.5 * (low + high) + 0.45 * (high - low) * np.sin(2.0 * math.pi * (0.1 * t + 0.5 * 1.4 / t[-1] * t * t))
+    commands = np.concatenate((steps, chirp))
+    middle = Pose2(_HALL / 2.0, _HALL / 2.0, 0.0)
+    world = World("hall", 0, (0.0, 0.0, _HALL, _HALL), (), (), middle, (1.0, 1.0))
+    simulation = Simulation(world, body, seed, noise=NoiseConfig())
+    simulation.reset()
+    measured = np.empty(len(commands))
+    for k, command in enumerate(commands):
+        before = simulation.true_pose
+        simulation.step(VelocityCommand(*(float(command) if a == axis else 0.0 for a in range(3))))
+        if simulation.fallen:
+            raise VucaError(f"{spec.name} fell at {k / RATE:.1f} s of the {AXES[axis]} commands, seed {seed}")
+        measured[k] = RATE * between(before, simulation.true_pose)[axis]
+    return commands, measured
+
+
+@njit(cache=True)
+def respond(commands, gain, lag, delay, acceleration, dt):
+    """The model's velocity (n,) for commands (n,)."""
+    v, out = 0.0, np.empty(len(commands))
+    keep = math.exp(-dt / lag)
+    for k in range(len(commands)):
+        wanted = gain * commands[k - delay] if k >= delay else 0.0
+        change = (1.0 - keep) * (wanted - v)
+        v += min(max(change, -acceleration * dt), acceleration * dt)
+        out[k] = v
+    return out
+
+
+def fit(commands: FloatArray, measured: FloatArray, acceleration: float) -> AxisResponse:
+    """Least squares over gain, lag and delay.
+
+    Args:
+        commands: (n,).
+        measured: (n,).
+        acceleration: The body's own limit.
+    """
+    dt = 1.0 / RATE
+
+    def residual(gain: float, lag: float, delay: int) -> float:
+        return float(np.mean((respond(commands, gain, lag, delay, acceleration, dt) - measured) ** 2))
+
+    best = (math.inf, 1.0, 0.1, 0)
+    for delay in range(MAX_DELAY + 1):
+        gain, lag = 1.0, 0.1
+        for _ in range(4):  # gain and lag in turns: they hardly depend on each other
+            lag = _least(lambda x: residual(gain, x, delay), 0.005, 1.0)  # noqa: B023  (called at once)
+            gain = _least(lambda x: residual(x, lag, delay), 0.5, 1.5)  # noqa: B023
+        best = min(best, (residual(gain, lag, delay), gain, lag, delay))
+    error, gain, lag, delay = best
+    return AxisResponse(
+        gain, lag, delay * dt, acceleration, math.sqrt(error), 1.0 - error / max(float(np.var(measured)), 1e-12)
+    )
+
+
+def _least(function: Callable[[float], float], low: float, high: float) -> float:
+    result: Any = minimize_scalar(function, bounds=(low, high), method="bounded")
+    return float(result.x)
+
+
+def identify(body: Body, out: Path, seed: int) -> dict[str, AxisResponse]:
+    """Excite and fit each axis the body has; write the model as JSON and a plot of fit against measurement."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    spec = body.spec
+    limits = ((spec.max_v_x, spec.max_a_x), (spec.max_v_y, spec.max_a_y), (spec.max_w_z, spec.max_a_w))
+    axes = [a for a in range(3) if limits[a][0] > 0.0]
+    figure, panels = plt.subplots(len(axes), 1, figsize=(11, 2.4 * len(axes)), layout="constrained", squeeze=False)
+    responses = {}
+    for panel, axis in zip(panels[:, 0], axes):
+        commands, measured = excite(body, axis, seed)
+        response = fit(commands, measured, limits[axis][1])
+        responses[AXES[axis]] = response
+        fitted = respond(
+            commands, response.gain, response.lag, round(response.delay * RATE), response.acceleration, 1.0 / RATE
+        )
+        t = np.arange(len(commands)) / RATE
+        panel.plot(t, commands, lw=0.8, c="0.6", label="command")
+        panel.plot(t, measured, lw=0.8, label="measured")
+        panel.plot(t, fitted, lw=0.8, label="model")
+        panel.set_title(
+            f"{spec.name} {AXES[axis]}: gain {response.gain:.3f}, lag {response.lag:.3f} s, delay "
+            f"{response.delay:.3f} s, noise {response.noise:.3f}, explained {response.explained:.3f}", fontsize=9,
+        )  # fmt: skip
+        panel.grid(alpha=0.3)
+    panels[0, 0].legend(fontsize=8, loc="upper right")
+    panels[-1, 0].set_xlabel("s")
+    out.mkdir(parents=True, exist_ok=True)
+    figure.savefig(out / f"response_{spec.name}.png", dpi=90)
+    plt.close(figure)
+    rows = {name: {k: round(v, 5) for k, v in asdict(response).items()} for name, response in responses.items()}
+    (out / f"response_{spec.name}.json").write_text(json.dumps({"robot": spec.name, **rows}, indent=2) + "\n")
+    return responses
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Identify how a body's velocity follows its command."""
+
+    out: Path
+    """Directory of the model and the plot."""
+    robot: str = "go2"
+    seed: int = 0
+
+
+def main() -> None:
+    """Print what was found."""
+    arguments = tyro.cli(Arguments)
+    for name, response in identify(make_body(arguments.robot), arguments.out, arguments.seed).items():
+        print(name, asdict(response))
+
+
+if __name__ == "__main__":
+    main()
