@@ -13,6 +13,19 @@ def planar_pose(qpos):
 
 
 @njit(cache=True)
+def place_planar(qpos, qvel, x, y, yaw):
+    """Carry a free joint's body (7,), (6,) to x, y, yaw; its height, its lean and its speed over ground stay."""
+    _, _, yaw0 = planar_pose(qpos)
+    half = 0.5 * (yaw - yaw0)
+    c, s = math.cos(half), math.sin(half)
+    w, i, j, k = qpos[3], qpos[4], qpos[5], qpos[6]
+    qpos[0], qpos[1] = x, y
+    qpos[3], qpos[4], qpos[5], qpos[6] = c * w - s * k, c * i - s * j, c * j + s * i, c * k + s * w
+    cos, sin = math.cos(yaw - yaw0), math.sin(yaw - yaw0)
+    qvel[0], qvel[1] = cos * qvel[0] - sin * qvel[1], sin * qvel[0] + cos * qvel[1]
+
+
+@njit(cache=True)
 def rotation_of(qpos, height, rotation, origin):
     """Of a free joint's position (7,): the rotation matrix (3, 3), and where a point on its z axis is (3,)."""
     w, x, y, z = qpos[3], qpos[4], qpos[5], qpos[6]

@@ -13,7 +13,7 @@ import numpy as np
 from robots.body import Body
 from robots.clearance import FootprintClearance
 from robots.contacts import SceneContacts
-from robots.kinematics import place_mocap, planar_pose, rotation_of
+from robots.kinematics import place_mocap, place_planar, planar_pose, rotation_of
 from robots.noise import NoiseConfig
 from robots.sensors import LidarNoise
 from vuca_nav.errors import BadArgument, VucaError
@@ -131,7 +131,7 @@ class Simulation:
         self._part_positions = np.empty((len(self._visuals), 3))
         self._part_quaternions = np.empty((len(self._visuals), 4))
         self._ticks = 0
-        self.time, self.true_pose, self._start = 0.0, world.start, world.start
+        self.time, self.true_pose = 0.0, world.start
         self.contact: str | None = None
         self.contact_name: str | None = None
         self.fallen, self.clearance = False, math.inf
@@ -147,10 +147,12 @@ class Simulation:
         for _ in range(round(self.body.settle_time * self._rates.control)):
             self._bound.apply(STOP)
             mujoco.mj_step(self.model, self.data, nstep=self._substeps)
+        # A body that rises shifts its base by centimetres; the mission begins where its start is.
+        place_planar(self._base_qpos, self._base_qvel, *self.world.start)
+        mujoco.mj_forward(self.model, self.data)
         self._bound.start_odometry()
         self._ticks, self.time = 0, 0.0
         self.contact = self.contact_name = None
-        self._start = Pose2(*planar_pose(self._base_qpos))
 
         telemetry, bounds = self._telemetry, self.world.bounds
         telemetry.time(0.0)
@@ -219,7 +221,7 @@ class Simulation:
         v_x, v_y, _, _, _, w_z = self._base_qvel.tolist()  # linear in the world, angular in the body
         c, s = math.cos(self.true_pose.yaw), math.sin(self.true_pose.yaw)
         twist = Twist2(c * v_x + s * v_y, c * v_y - s * v_x, w_z)
-        return Odometry(self.time, between(self._start, self.true_pose), twist)
+        return Odometry(self.time, between(self.world.start, self.true_pose), twist)
 
     def _rng(self, stream: int) -> np.random.Generator:
         """A stream of its own for each use, the same after every reset."""

@@ -46,6 +46,16 @@ def test_registry():
         find_quadruped("tiago")
 
 
+def test_the_mission_begins_at_its_start_though_rising_shifts_the_base(go2):
+    start = Pose2(10.0, 20.0, 0.8)
+    simulation = Simulation(hall(start=start), go2, 3, noise=NoiseConfig())
+    _, odometry = simulation.reset()
+    np.testing.assert_allclose(simulation.true_pose, start, atol=1e-9)
+    assert odometry.odom_from_base == (0.0, 0.0, 0.0)
+    walk(simulation, STOP, 1.0)
+    np.testing.assert_allclose(simulation.true_pose, start, atol=0.03)
+
+
 def test_mass_limits_and_joints_are_the_urdfs(walker):
     urdf = read_urdf(asset(GO2.urdf))
     base = walker.model.body("go2/").id
