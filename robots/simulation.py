@@ -5,7 +5,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -221,7 +221,8 @@ class Simulation:
         v_x, v_y, _, _, _, w_z = self._base_qvel.tolist()  # linear in the world, angular in the body
         c, s = math.cos(self.true_pose.yaw), math.sin(self.true_pose.yaw)
         twist = Twist2(c * v_x + s * v_y, c * v_y - s * v_x, w_z)
-        return Odometry(self.time, between(self.world.start, self.true_pose), twist)
+        true = between(self.world.start, self.true_pose)
+        return replace(self._bound.odometry(self.time), odom_from_base=true, twist=twist)
 
     def _rng(self, stream: int) -> np.random.Generator:
         """A stream of its own for each use, the same after every reset."""

@@ -88,6 +88,8 @@ class Odometry:
     """Integrated since the start, where it was the identity."""
     twist: Twist2
     """Measured velocity in base_link."""
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    """The vertical in base_link as the IMU shows it; a base that cannot lean leaves it."""
 
 
 @dataclass(frozen=True, slots=True)

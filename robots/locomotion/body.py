@@ -4,6 +4,7 @@
 # (MuJoCo's compiled bindings and dm_control's generated elements are invisible to a static checker.)
 
 import math
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
@@ -149,7 +150,8 @@ class BoundQuadruped(BoundBody):
 
     def odometry(self, stamp: float) -> Odometry:
         """See BoundBody."""
-        return self._odometer.odometry(stamp)
+        up = self._sensors.up
+        return replace(self._odometer.odometry(stamp), up=(float(up[0]), float(up[1]), float(up[2])))
 
     def has_fallen(self) -> bool:
         """Whether it leans by more than 50 degrees or its trunk is near the floor."""

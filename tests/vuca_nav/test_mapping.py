@@ -12,7 +12,7 @@ from vuca_nav.mapping.grid import FREE_BELOW, OCCUPIED_ABOVE, GridConfig, Occupa
 from vuca_nav.mapping.scan_matching import ScanMatcher, ScanMatcherConfig
 from vuca_nav.mapping.slam import Slam, SlamConfig
 from vuca_nav.mapping.surfaces import SurfaceGrid
-from vuca_nav.types import Odometry, Pose2, Scan, Twist2
+from vuca_nav.types import LidarSpec, Odometry, Pose2, Scan, Twist2
 
 REST = Twist2(0.0, 0.0, 0.0)
 
@@ -239,6 +239,28 @@ def test_skimming_beams_do_not_wash_a_wall_away():
     columns = [grid.cell(x, 1.97)[1] for x in np.arange(1.0, 15.0, 0.05)]
     row = grid.cell(0.0, 1.97)[0]
     assert np.mean([(grid.level[row - 1 : row + 2, j] > 0).any() for j in columns]) > 0.99
+
+
+def test_a_leaning_body_maps_neither_the_floor_nor_what_it_looks_over():
+    """A lidar at 0.37 m in an empty hall, 5 degrees nose down: ahead it meets the floor at 4.2 m."""
+    lidar, lean = LidarSpec(height=0.37), math.radians(5.0)
+    up = (-math.sin(lean), 0.0, math.cos(lean))
+    angles = lidar.angles_in_base()
+    rise = -np.sin(lean) * np.cos(angles)
+    ranges = np.full(360, 5.0)
+    floor = rise < -0.37 / 5.0
+    ranges[floor] = -0.37 / rise[floor]
+    slam = Slam(lidar)
+    slam.reset(Pose2(0.0, 0.0, 0.0))
+    estimate = slam.update(Scan(0.0, ranges), Odometry(0.0, Pose2(0.0, 0.0, 0.0), REST, up))
+    away = np.hypot(*estimate.points_in_map.T)
+    # What is left are the beams to the sides, at 5 m over ground.
+    np.testing.assert_allclose(away, 5.0, atol=0.01)
+    bearing = np.abs(np.arctan2(*estimate.points_in_map.T[::-1]))
+    assert bearing.min() > math.radians(50.0)
+    assert bearing.max() < math.radians(126.0)
+    assert slam.navigation_grid.state(4.0, 0.0) == 0  # ahead nothing is known, neither free nor occupied
+    assert slam.navigation_grid.state(0.01, 4.0) == -1
 
 
 def test_dropped_beams_do_not_open_walls():

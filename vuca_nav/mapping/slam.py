@@ -38,6 +38,10 @@ class SlamConfig:
     neighbours: int = 2
     """A beam without a return frees only as far as the shortest of so many neighbours on each side, since a dropped
     beam looks the same and would open the wall it stood on."""
+    lowest: float = 0.3
+    """A beam that ends lower than this share of the lidar's height by the measured lean may have met the floor ..."""
+    highest: float = 0.25
+    """... and one that ends this much above the lidar may have passed over something low: neither is mapped [m]."""
     surface_thickness: float = 0.1
     """A beam does not empty occupied cells while it is this near to the surface it ends on: two cells [m]. Without it
     beams that skim a wall wash it away, cell by cell, since they pass twenty of its cells for each that they hit."""
@@ -62,6 +66,7 @@ class Slam:
         self.lidar = lidar
         angles = lidar.angles_in_base()
         self._beams_in_base = np.column_stack([np.cos(angles), np.sin(angles)])
+        self._ranges = np.zeros(lidar.num_beams)
         self._ends_in_base = np.zeros((lidar.num_beams, 2))
         self._ends_in_map = np.zeros((lidar.num_beams, 2))
         self._grazed = np.zeros(lidar.num_beams)
@@ -91,8 +96,18 @@ class Slam:
         """Localise the scan in the map, then write it into the map."""
         config = self.config
         predicted = self._predict(odometry)
-        num_hits, num_ends = _beam_ends(
+        _level(
             scan.ranges,
+            self._beams_in_base,
+            odometry.up[0],
+            odometry.up[1],
+            self.lidar.max_range,
+            (config.lowest - 1.0) * self.lidar.height,
+            config.highest,
+            self._ranges,
+        )
+        num_hits, num_ends = _beam_ends(
+            self._ranges,
             self._beams_in_base,
             self.lidar.min_range,
             self.lidar.max_range,
@@ -130,6 +145,15 @@ class Slam:
             or abs(wrap_angle(pose.yaw - last.yaw)) > c.insert_angle
             or stamp - self._inserted_stamp >= c.insert_period
         )
+
+
+@njit(cache=True)
+def _level(ranges, beams, up_x, up_y, max_range, lowest, highest, levelled):
+    """Ranges over ground of a scan taken leaning; nan where a beam ended below or above the band about the lidar."""
+    for k in range(ranges.shape[0]):
+        rise = up_x * beams[k, 0] + up_y * beams[k, 1]
+        end = rise * min(ranges[k], max_range)
+        levelled[k] = ranges[k] * math.sqrt(1.0 - rise * rise) if lowest <= end <= highest else math.nan
 
 
 @njit(cache=True)
