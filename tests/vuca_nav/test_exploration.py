@@ -26,7 +26,7 @@ def view(picture: np.ndarray, robot=(3.0, 2.0)):
 
 def test_a_frontier_is_found_at_each_opening():
     _, costmap, field = view(two_doors())
-    points, approach, lengths = find_frontiers(costmap, field, 0.4, 3.0)
+    points, approach, lengths = find_frontiers(costmap, field, 0.4, 3.0, 0.3)
     assert len(points) == 2
     assert np.hypot(*(approach - points).T).max() < 0.61
     assert all(field.reaches(x, y) for x, y in approach)
@@ -42,12 +42,12 @@ def test_short_frontiers_are_noise_and_long_ones_are_cut():
     picture = hall(60, 40)
     picture[20:24, 59] = " "
     _, costmap, field = view(picture)
-    assert len(find_frontiers(costmap, field, 0.4, 3.0)[0]) == 0
+    assert len(find_frontiers(costmap, field, 0.4, 3.0, 0.3)[0]) == 0
     picture = hall(60, 40)
     picture[1:39, 40:] = " "
     _, costmap, field = view(picture)
-    assert len(find_frontiers(costmap, field, 0.4, 10.0)[0]) == 1
-    assert len(find_frontiers(costmap, field, 0.4, 1.0)[0]) == 4
+    assert len(find_frontiers(costmap, field, 0.4, 10.0, 0.3)[0]) == 1
+    assert len(find_frontiers(costmap, field, 0.4, 1.0, 0.3)[0]) == 4
 
 
 def test_gaps_between_the_dots_of_a_wall_are_no_frontiers():
@@ -56,19 +56,30 @@ def test_gaps_between_the_dots_of_a_wall_are_no_frontiers():
     picture[30:39, 1:59] = " "
     picture[30, 1:59:8] = "#"
     _, costmap, field = view(picture)
-    assert len(find_frontiers(costmap, field, 0.4, 3.0)[0]) == 0
+    assert len(find_frontiers(costmap, field, 0.4, 3.0, 0.3)[0]) == 0
     picture[30, 20:36] = " "  # one opening of 1.7 m
     _, costmap, field = view(picture)
-    points = find_frontiers(costmap, field, 0.4, 3.0).points_in_map
+    points = find_frontiers(costmap, field, 0.4, 3.0, 0.3).points_in_map
     assert len(points) == 1
     assert points[0] == pytest.approx((2.9, 1.0), abs=0.3)
+
+
+def test_a_chink_is_looked_into_when_there_is_nothing_better():
+    picture = hall(60, 40)
+    picture[20:24, 59] = " "
+    grid, costmap, field = view(picture)
+    explorer = Explorer()
+    explorer.reset((20.0, 2.0))
+    target = explorer.choose(0.0, grid, costmap, field)
+    assert target is not None
+    assert target.point == pytest.approx((5.85, 1.8), abs=0.3)
 
 
 def test_frontiers_out_of_reach_are_left_out():
     picture = two_doors()
     picture[1:39, 50] = "#"
     _, costmap, field = view(picture)
-    points = find_frontiers(costmap, field, 0.4, 3.0).points_in_map
+    points = find_frontiers(costmap, field, 0.4, 3.0, 0.3).points_in_map
     assert len(points) == 1
     assert points[0, 1] > 3.5
 

@@ -123,7 +123,11 @@ class Explorer:
         if paths.reaches(*self.goal):
             self.target = Target(self.goal, self.goal, is_goal=True)
             return self.target
-        points, approach, lengths = find_frontiers(costmap, paths, config.min_frontier, config.max_frontier)
+        found = find_frontiers(costmap, paths, config.min_frontier, config.max_frontier, costmap.radius)
+        if not len(found.points_in_map):
+            # What is left are chinks; better to look into one than to stand.
+            found = find_frontiers(costmap, paths, costmap.resolution, config.max_frontier, 0.0)
+        points, approach, lengths = found
         if len(points):
             keep = ~self._is_blacklisted(points)
             if not keep.any() and self._blacklist:

@@ -26,19 +26,21 @@ APPROACH = 0.6
 to the wall to drive to, now and then, and a choice that comes and goes makes the robot turn to and fro."""
 
 
-def find_frontiers(costmap: Costmap, field: PathField, min_length: float, max_length: float) -> Frontiers:
+def find_frontiers(
+    costmap: Costmap, field: PathField, min_length: float, max_length: float, clearance: float
+) -> Frontiers:
     """Candidate exploration points.
 
-    Boundary cells nearer to something occupied than the body's radius do not count: the body would not fit through,
-    and a wall seen at a grazing angle is a dotted line with just such gaps. Connected ones form a frontier; one longer
-    than ``max_length`` gives a candidate for each piece of that length, so that a wide opening is not judged by its
-    middle alone.
+    Boundary cells too near to something occupied do not count: the body would not fit through, and a wall seen at a
+    grazing angle is a dotted line with just such gaps. Connected ones form a frontier; one longer than ``max_length``
+    gives a candidate for each piece of that length, so that a wide opening is not judged by its middle alone.
 
     Args:
         costmap: The map, coarse.
         field: Paths from the robot.
-        min_length: Frontiers of fewer cells than this length holds are noise [m]; to it the body's width is added.
+        min_length: Frontiers of fewer cells than this length holds are noise [m].
         max_length: [m]
+        clearance: From something occupied that a boundary cell must have, the body's radius as a rule [m].
 
     Returns:
         Those that the body can come near to.
@@ -47,7 +49,7 @@ def find_frontiers(costmap: Costmap, field: PathField, min_length: float, max_le
     cells = _candidates(
         costmap.state,
         costmap.clearance,
-        costmap.radius / step * 5.0,
+        clearance / step * 5.0,
         field.cost,
         UNREACHED,
         max(1, round(min_length / step)),
@@ -61,7 +63,7 @@ def find_frontiers(costmap: Costmap, field: PathField, min_length: float, max_le
 
 @njit(cache=True)
 def _is_boundary(state, clearance, least, i, j):
-    """Free, beside (4 neighbours) an unknown cell, and not as near to something occupied as the body's radius."""
+    """Free, beside (4 neighbours) an unknown cell, and not too near to something occupied."""
     if state[i, j] != 1 or clearance[i, j] < least:
         return False
     rows, columns = state.shape
