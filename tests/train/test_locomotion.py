@@ -174,12 +174,13 @@ def test_encoder_errors_are_drawn_apart_from_all_else():
 
 
 def test_after_a_fall_it_counts_as_standing_still():
-    command = VelocityCommand(0.5, 0.0, -0.2)
-    whole = tracking_errors([tuple(command)] * 100, command, CONTROL + 80)
+    told = (0.5, 0.0, -0.2)
+    command = VelocityCommand(*told)
+    whole = tracking_errors([told] * 100, command, CONTROL + 80)
     assert whole.shape == (80, 3)
     assert not whole[:40].any()
     assert (whole[40:] == (-0.5, 0.0, 0.2)).all()
-    for early in ([], [tuple(command)] * 10):
+    for early in ([], [told] * 10):
         assert (tracking_errors(early, command, CONTROL + 80) == (-0.5, 0.0, 0.2)).all()
 
 
