@@ -1,5 +1,6 @@
 """The command ``vuca train``: arguments in, an exit code out. What is heavy is imported when needed."""
 
+import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,10 +18,10 @@ class TrainArguments:
 
     what: tyro.conf.Positional[Literal["locomotion"]]
     """What to train: locomotion, a quadruped's gait."""
-    out: Path
-    """Directory of checkpoints, log, TensorBoard files, curves and weights."""
     robot: str = "go2"
     """A quadruped's name."""
+    out: Path | None = None
+    """Directory of checkpoints, log, TensorBoard files, curves and weights; by default runs/ROBOT."""
     seed: int = 0
     minutes: Annotated[float, tyro.conf.arg(metavar="M")] = 45.0
     """How long."""
@@ -33,19 +34,19 @@ class TrainArguments:
 def train(argv: list[str]) -> int:
     """Train a gait: PPO over batched MuJoCo, to weights a mission can load."""
     arguments = parse(TrainArguments, "train", argv)
-    if arguments.minutes <= 0.0:
-        raise BadArgument(f"--minutes must be positive, got {arguments.minutes}")
+    if not (math.isfinite(arguments.minutes) and arguments.minutes > 0.0):
+        raise BadArgument(f"--minutes must be a positive number, got {arguments.minutes}")
     if arguments.seed < 0:
         raise BadArgument(f"the seed must be 0 or more, got {arguments.seed}")
-    cores = len(os.sched_getaffinity(0))
-    threads = arguments.threads or cores
+    threads = len(os.sched_getaffinity(0)) if arguments.threads is None else arguments.threads
     if threads < 1:
         raise BadArgument(f"--threads must be 1 or more, got {arguments.threads}")
+    out = arguments.out or Path("runs") / arguments.robot
     from robots.registry import find_quadruped
     from train.locomotion.run import Training, TrainingConfig
 
     config = TrainingConfig(seed=arguments.seed, minutes=arguments.minutes, threads=threads)
-    training = Training(find_quadruped(arguments.robot), config, arguments.out, resume=arguments.resume)
+    training = Training(find_quadruped(arguments.robot), config, out, resume=arguments.resume)
     training.run()
-    print(f"weights: {arguments.out / training.robot.weights}")
+    print(f"weights: {out / training.robot.weights}")
     return 0

@@ -13,7 +13,7 @@ import numpy as np
 
 from robots.body import Body, BoundBody, VisualPart
 from robots.locomotion.config import QuadrupedConfig
-from robots.locomotion.gait import START_UP_TIME, Gait
+from robots.locomotion.gait import FALLEN_UP, START_UP_TIME, Gait
 from robots.locomotion.model import QuadrupedModel, joint_names
 from robots.locomotion.network import PolicyNetwork, load_policy
 from robots.locomotion.odometry import LegOdometer, LegSensors
@@ -22,8 +22,6 @@ from robots.noise import NoiseConfig
 from vuca_nav.types import Odometry, Pose2, VelocityCommand
 from worlds.mjcf import RootElement
 
-_FALLEN = math.cos(math.radians(50.0))
-"""Tilt past saving."""
 _FALLEN_HEIGHT = 0.5
 """Of base_link, relative to standing: below it, it lies."""
 _REST_TIME = 0.8
@@ -157,7 +155,7 @@ class BoundQuadruped(BoundBody):
         """Whether it leans by more than 50 degrees or its trunk is near the floor."""
         x, y, z = self._qpos[4], self._qpos[5], self._qpos[2]
         upright = 1.0 - 2.0 * (x * x + y * y)
-        return bool(upright < _FALLEN or z < _FALLEN_HEIGHT * self._config.trot.hip_height)
+        return bool(upright < FALLEN_UP or z < _FALLEN_HEIGHT * self._config.trot.hip_height)
 
     def _take_in(self) -> None:
         self._measure()

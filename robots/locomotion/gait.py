@@ -104,8 +104,10 @@ class Gait:
         """Joint targets (12,) [rad] for the next control step, from the sample just measured; borrowed.
 
         Raises:
-            BadObservation: If the command is not finite.
+            BadObservation: If the command is not finite, whatever the mode; what was asked before stays as it was.
         """
+        if not (math.isfinite(command[0]) and math.isfinite(command[1]) and math.isfinite(command[2])):
+            raise BadObservation(f"velocity command is not finite: {tuple(command)}")
         if self.mode is Mode.FALLEN:
             self._targets[:] = q
         elif self.mode is Mode.STARTING:

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from robots.locomotion.config import QuadrupedConfig
-from robots.urdf import BadUrdf, Urdf
+from robots.urdf import BadUrdf, Joint, Urdf
 from vuca_nav.types import FloatArray
 
 
@@ -36,15 +36,16 @@ def legs_of(config: QuadrupedConfig, urdf: Urdf) -> Legs:
     """The legs' dimensions as the URDF has them.
 
     Raises:
-        BadUrdf: If a joint is missing, or does not turn about the axis that a leg of this kind has.
+        BadUrdf: If a joint is missing, does not turn, turns about another axis than a leg of this kind has or without
+            limits, or if a link does not hang on the base.
     """
     hips, offsets = np.empty((4, 3)), np.empty(4)
     lengths = []
-    for i, leg in enumerate(config.leg_names):
-        hip, thigh, calf = (joint_of(urdf, leg, name) for name in config.joint_names)
+    joints = [[joint_of(urdf, leg, name) for name in config.joint_names] for leg in config.leg_names]
+    _check_tree(config.base, urdf)
+    for i, (leg, (hip, thigh, calf)) in enumerate(zip(config.leg_names, joints)):
         for joint, axis in ((hip, (1, 0, 0)), (thigh, (0, 1, 0)), (calf, (0, 1, 0))):
-            if not np.allclose(joint.axis, axis):
-                raise BadUrdf(f"robot {urdf.name!r}: joint {joint.name!r} turns about {joint.axis}, expected {axis}")
+            _check_joint(urdf, joint, axis)
         foot = urdf.transform(calf.child, f"{leg}_{config.link_names[3]}", {})[:3, 3]
         hips[i] = urdf.transform(config.base, hip.child, {})[:3, 3]
         offsets[i] = thigh.parent_from_joint[1, 3]
@@ -54,7 +55,28 @@ def legs_of(config: QuadrupedConfig, urdf: Urdf) -> Legs:
     return Legs(hips, offsets, float(lengths[0][0]), float(lengths[0][1]), config.foot_radius)
 
 
-def joint_of(urdf: Urdf, leg: str, name: str):
+def _check_joint(urdf: Urdf, joint: Joint, axis: tuple[int, int, int]) -> None:
+    where = f"robot {urdf.name!r}: joint {joint.name!r}"
+    if joint.kind != "revolute":
+        raise BadUrdf(f"{where} is {joint.kind}, expected revolute")
+    if not np.allclose(joint.axis, axis):
+        raise BadUrdf(f"{where} turns about {joint.axis}, expected {axis}")
+    if not (math.isfinite(joint.lower) and math.isfinite(joint.upper) and joint.lower < joint.upper):
+        raise BadUrdf(f"{where} has the limits {joint.lower} to {joint.upper}, expected finite ones, lower < upper")
+
+
+def _check_tree(base: str, urdf: Urdf) -> None:
+    """Each link must hang on the base, or its mass would be nobody's."""
+    parent_of = {joint.child: joint.parent for joint in urdf.joints.values()}
+    for link in urdf.links:
+        above = link
+        for _ in urdf.links:  # a ring of joints ends, too
+            above = parent_of.get(above, above) if above != base else base
+        if above != base:
+            raise BadUrdf(f"robot {urdf.name!r}: link {link!r} does not hang on {base!r} by any joints")
+
+
+def joint_of(urdf: Urdf, leg: str, name: str) -> Joint:
     """A leg's joint, e.g. ``FL_thigh_joint``.
 
     Raises:

@@ -17,6 +17,8 @@ from vuca_nav.errors import VucaError
 FORMAT = "vuca-gait-1"
 WEIGHTS_FOLDER = Path(__file__).parent / "weights"
 LAYERS = 3
+DTYPES = ("F16", "F32", "F64")
+"""Of the tensors, as safetensors calls them; they are used as F32."""
 CLIP = 10.0
 """Of the normalised observation."""
 
@@ -53,9 +55,11 @@ class PolicyNetwork:
         """The policy's mean action for an observation (OBSERVATION_SIZE,), into ``action`` (ACTION_SIZE,).
 
         Raises:
-            BadObservation: If a number is not finite; says which.
+            BadObservation: If a number is not finite, or what comes of it is not; says which. The action is left alone.
         """
         bad = _forward(observation, action, *self._arrays)
+        if bad >= OBSERVATION_SIZE:
+            raise BadObservation(f"gait action {bad - OBSERVATION_SIZE} of {ACTION_SIZE} is not finite")
         if bad >= 0:
             raise BadObservation(
                 f"gait observation {bad} of {OBSERVATION_SIZE} is {observation[bad]}: expected a number"
@@ -70,8 +74,9 @@ def load_policy(config: QuadrupedConfig, path: Path | None = None) -> PolicyNetw
         path: Of the weights; by default those shipped.
 
     Raises:
-        BadWeights: If the file is missing, is not safetensors, lacks a tensor or has one of another shape or with a
-            number that is not finite, or belongs to another robot or another nominal gait.
+        BadWeights: If the file is missing, is not safetensors, lacks a tensor or has one of another shape or
+            type or with a number that is not finite in single precision, or belongs to another robot or another
+            nominal gait.
     """
     path = path or WEIGHTS_FOLDER / config.weights
     name = config.spec.name
@@ -82,6 +87,10 @@ def load_policy(config: QuadrupedConfig, path: Path | None = None) -> PolicyNetw
     try:
         with safe_open(path, framework="numpy") as file:
             metadata = file.metadata() or {}
+            for key in file.keys():  # noqa: SIM118  (no dict)
+                dtype = file.get_slice(key).get_dtype()
+                if dtype not in DTYPES:
+                    raise BadWeights(f"{path}: tensor {key!r} is of type {dtype}, expected one of {', '.join(DTYPES)}")
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118  (no dict)
     except (SafetensorError, OSError, ValueError) as error:
         raise BadWeights(f"{path} is not a safetensors file: {error}") from error
@@ -96,6 +105,8 @@ def _shapes(path: Path, tensors: dict[str, np.ndarray]) -> dict[str, tuple[int, 
     for k in range(LAYERS - 1):
         if f"bias_{k}" not in tensors:
             raise BadWeights(f"{path} has no tensor 'bias_{k}' (it has: {', '.join(sorted(tensors))})")
+        if tensors[f"bias_{k}"].size == 0:
+            raise BadWeights(f"{path}: tensor 'bias_{k}' is empty, expected a hidden layer")
         sizes.append(tensors[f"bias_{k}"].size)
     sizes.append(ACTION_SIZE)
     shapes: dict[str, tuple[int, ...]] = {"mean": (OBSERVATION_SIZE,), "scale": (OBSERVATION_SIZE,)}
@@ -110,14 +121,18 @@ def _checked(path: Path, tensors: dict[str, np.ndarray], key: str, shape: tuple[
     tensor = tensors[key]
     if tensor.shape != shape:
         raise BadWeights(f"{path}: tensor {key!r} has shape {tensor.shape}, expected {shape}")
-    if not np.isfinite(tensor).all():
-        raise BadWeights(f"{path}: tensor {key!r} holds numbers that are not finite")
-    return tensor.astype(np.float32)
+    with np.errstate(over="ignore"):
+        single = tensor.astype(np.float32)
+    if not np.isfinite(single).all():
+        raise BadWeights(f"{path}: tensor {key!r} holds numbers that are not finite in single precision")
+    if key == "scale" and not (single > 0.0).all():
+        raise BadWeights(f"{path}: tensor 'scale' holds numbers that are not positive")
+    return single
 
 
 @njit(cache=True)
 def _forward(observation, action, mean, scale, w0, w1, w2, b0, b1, b2, x, h0, h1, h2):
-    """Returns the index of an input that is not finite, -1 if there is none."""
+    """Returns the index of an input that is not finite, or behind those of an output, -1 if there is none."""
     for i in range(len(observation)):
         if not math.isfinite(observation[i]):
             return i
@@ -128,6 +143,9 @@ def _forward(observation, action, mean, scale, w0, w1, w2, b0, b1, b2, x, h0, h1
     _layer(h0, w1, b1, h1)
     _elu(h1)
     _layer(h1, w2, b2, h2)
+    for i in range(len(h2)):
+        if not math.isfinite(h2[i]):
+            return len(observation) + i
     for i in range(len(h2)):
         action[i] = h2[i]
     return -1

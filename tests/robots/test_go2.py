@@ -6,7 +6,7 @@ import pytest
 
 from robots.assets import asset
 from robots.go2 import GO2, Go2
-from robots.locomotion.gait import Mode
+from robots.locomotion.gait import Gait, Mode
 from robots.locomotion.model import QuadrupedModel
 from robots.locomotion.network import BadObservation
 from robots.noise import NoiseConfig
@@ -153,6 +153,19 @@ def test_a_measurement_that_is_not_finite_stops_everything(walker):
         gait.measure(np.array([0.0, np.nan, 0.0]), np.array([0.0, 0.0, 1.0]), zeros, zeros)
 
 
+@pytest.mark.parametrize("mode", list(Mode))
+def test_a_command_that_is_not_finite_is_refused_in_every_mode(go2, mode):
+    gait = Gait(go2.model, go2.policy, 1.0 / 60.0)
+    q, zeros, up = go2.model.tuning(1.0 / 60.0).nominal, np.zeros(12), np.array([0.0, 0.0, 1.0])
+    gait.reset(q)
+    gait.mode = Mode.WALKING
+    gait.step(VelocityCommand(0.3, 0.0, 0.0), np.zeros(3), up, q, zeros)
+    gait.mode = mode
+    with pytest.raises(BadObservation, match=r"command is not finite: .*nan"):
+        gait.step(VelocityCommand(0.1, math.nan, 0.0), np.zeros(3), up, q, zeros)
+    assert gait._wanted.tolist() == [0.3, 0.0, 0.0]
+
+
 def test_same_seed_same_bits(go2):
     ends = []
     for _ in range(2):
@@ -224,6 +237,23 @@ def test_a_urdf_that_lacks_a_joint_is_refused():
     urdf = read_urdf(asset(GO2.urdf))
     joints = {name: joint for name, joint in urdf.joints.items() if name != "RL_calf_joint"}
     with pytest.raises(BadUrdf, match="no joint 'RL_calf_joint'"):
+        QuadrupedModel(GO2, dataclasses.replace(urdf, joints=joints))
+
+
+@pytest.mark.parametrize(
+    "change", [{"kind": "fixed"}, {"lower": 0.0, "upper": 0.0}, {"lower": -math.inf}, {"kind": "continuous"}]
+)
+def test_a_leg_joint_that_cannot_turn_within_limits_is_refused(change):
+    urdf = read_urdf(asset(GO2.urdf))
+    joint = dataclasses.replace(urdf.joints["RL_thigh_joint"], **change)
+    with pytest.raises(BadUrdf, match="joint 'RL_thigh_joint'"):
+        QuadrupedModel(GO2, dataclasses.replace(urdf, joints={**urdf.joints, "RL_thigh_joint": joint}))
+
+
+def test_a_link_that_hangs_on_nothing_is_refused():
+    urdf = read_urdf(asset(GO2.urdf))
+    joints = {name: joint for name, joint in urdf.joints.items() if name != "FL_foot_joint"}
+    with pytest.raises(BadUrdf, match="link 'FL_foot' does not hang on 'base'"):
         QuadrupedModel(GO2, dataclasses.replace(urdf, joints=joints))
 
 

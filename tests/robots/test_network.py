@@ -1,10 +1,20 @@
+import json
+
 import numpy as np
 import pytest
 from safetensors.numpy import load_file, save_file
 
 from robots.go2 import GO2
 from robots.locomotion.kernels import ACTION_SIZE, OBSERVATION_SIZE
-from robots.locomotion.network import FORMAT, WEIGHTS_FOLDER, BadObservation, BadWeights, gait_contract, load_policy
+from robots.locomotion.network import (
+    FORMAT,
+    WEIGHTS_FOLDER,
+    BadObservation,
+    BadWeights,
+    PolicyNetwork,
+    gait_contract,
+    load_policy,
+)
 
 METADATA = {"format": FORMAT, "robot": "go2", "gait": gait_contract(GO2)}
 
@@ -74,3 +84,36 @@ def test_an_observation_that_is_not_finite_raises_and_says_which(bad):
     observation[17] = bad
     with pytest.raises(BadObservation, match="observation 17 of 49"):
         load_policy(GO2)(observation, np.zeros(ACTION_SIZE))
+
+
+def test_weights_too_large_for_single_precision_are_refused(tmp_path):
+    content = tensors()
+    content["bias_1"] = content["bias_1"].astype(np.float64)
+    content["bias_1"][3] = 1e300
+    assert "'bias_1'" in refused(tmp_path / "w.safetensors", content, METADATA)
+
+
+def test_an_empty_layer_and_a_scale_of_zero_are_refused(tmp_path):
+    empty = {"weight_0": np.zeros((0, OBSERVATION_SIZE), np.float32), "bias_0": np.zeros(0, np.float32)}
+    empty["weight_1"] = np.zeros((128, 0), np.float32)
+    assert "'bias_0' is empty" in refused(tmp_path / "w.safetensors", tensors() | empty, METADATA)
+    content = tensors()
+    content["scale"][5] = 0.0
+    assert "'scale'" in refused(tmp_path / "w.safetensors", content, METADATA)
+
+
+def test_weights_in_bfloat16_are_refused(tmp_path):
+    header = {"__metadata__": METADATA, "mean": {"dtype": "BF16", "shape": [2], "data_offsets": [0, 4]}}
+    text = json.dumps(header).encode()
+    (tmp_path / "w.safetensors").write_bytes(len(text).to_bytes(8, "little") + text + bytes(4))
+    with pytest.raises(BadWeights, match="'mean' is of type BF16"):
+        load_policy(GO2, tmp_path / "w.safetensors")
+
+
+def test_an_action_that_is_not_finite_raises_and_is_not_given():
+    huge = tensors()
+    huge["weight_2"][:] = 3e38
+    action = np.zeros(ACTION_SIZE)
+    with pytest.raises(BadObservation, match="gait action 0 of 12"):
+        PolicyNetwork(huge)(np.ones(OBSERVATION_SIZE), action)
+    assert not action.any()

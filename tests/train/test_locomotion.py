@@ -1,5 +1,6 @@
 import dataclasses
 import json
+import math
 
 import numpy as np
 import pytest
@@ -9,12 +10,16 @@ from robots.go2 import GO2
 from robots.locomotion.kernels import ACTION_SIZE, OBSERVATION_SIZE, fill_observation, trot_angles
 from robots.locomotion.model import QuadrupedModel
 from robots.locomotion.network import load_policy
+from train.locomotion.curves import read_log
 from train.locomotion.environment import EnvironmentConfig, LocomotionEnvironment
-from train.locomotion.kernels import CRITIC_SIZE, REWARDS
+from train.locomotion.evaluate import CONTROL, prepare_out, tracking_errors
+from train.locomotion.kernels import CRITIC_SIZE, NUM_UNIFORM, REWARDS, Batch, _reset
 from train.locomotion.policy import Normaliser, action_mirror, observation_mirror, privileged_mirror
 from train.locomotion.ppo import PpoConfig
 from train.locomotion.run import Stage, Training, TrainingConfig
+from vuca_nav.cli import main
 from vuca_nav.errors import BadArgument
+from vuca_nav.types import VelocityCommand
 
 SMALL = EnvironmentConfig(num_robots=8)
 STAGES = (Stage(0.0, 120, 0, 0.0), Stage(0.5, 120, 2, 1.0))
@@ -133,3 +138,132 @@ def test_a_run_of_another_robot_is_not_gone_on_with(tmp_path):
         Training(other, tiny(0.02), tmp_path, resume=True)
     with pytest.raises(BadArgument, match=r"there is no .*checkpoint.pt"):
         Training(GO2, tiny(0.02), tmp_path / "empty", resume=True)
+
+
+def test_a_lost_state_or_action_ends_the_episode():
+    environment = LocomotionEnvironment(GO2, SMALL, np.random.default_rng(0))
+    zeros = np.zeros((8, ACTION_SIZE), np.float32)
+    environment.step(zeros)
+    environment.step(zeros)
+    environment.batch.state[2, 22] = math.nan
+    action = zeros.copy()
+    action[5, 1] = math.nan
+    step = environment.step(action)
+    assert np.flatnonzero(step.terminated).tolist() == [2, 5]
+    assert np.isfinite(step.observation).all()
+    assert np.isfinite(step.reward).all()
+    assert np.isfinite(list(environment.reward_terms().values())).all()
+
+
+def test_encoder_errors_are_drawn_apart_from_all_else():
+    tuning = QuadrupedModel(GO2).tuning(1.0 / 60.0)
+    batch = Batch.zeros(1, 38)
+    high = np.ones(3)
+    u = np.random.default_rng(0).random(NUM_UNIFORM)
+    _reset(tuning, batch, 0, u, -high, high)
+    bias, start, wanted = batch.joint_bias.copy(), batch.state.copy(), batch.wanted.copy()
+    u[-12:] = np.random.default_rng(1).random(12)
+    _reset(tuning, batch, 0, u, -high, high)
+    assert (batch.joint_bias != bias).all()
+    assert (batch.state == start).all()
+    assert (batch.wanted == wanted).all()
+    bias[:] = batch.joint_bias
+    u[:-12] = np.random.default_rng(2).random(NUM_UNIFORM - 12)
+    _reset(tuning, batch, 0, u, -high, high)
+    assert (batch.joint_bias == bias).all()
+
+
+def test_after_a_fall_it_counts_as_standing_still():
+    told = (0.5, 0.0, -0.2)
+    command = VelocityCommand(*told)
+    whole = tracking_errors([told] * 100, command, CONTROL + 80)
+    assert whole.shape == (80, 3)
+    assert not whole[:40].any()
+    assert (whole[40:] == (-0.5, 0.0, 0.2)).all()
+    for early in ([], [told] * 10):
+        assert (tracking_errors(early, command, CONTROL + 80) == (-0.5, 0.0, 0.2)).all()
+
+
+def test_results_that_cannot_be_written_are_refused_at_the_start(tmp_path):
+    with pytest.raises(BadArgument, match="is a directory"):
+        prepare_out(tmp_path)
+    (tmp_path / "file").touch()
+    with pytest.raises(BadArgument, match="cannot be written"):
+        prepare_out(tmp_path / "file" / "results.json")
+    prepare_out(tmp_path / "new" / "results.json")
+
+
+def test_a_torn_last_line_of_the_log_is_left_out(tmp_path):
+    log = tmp_path / "log.jsonl"
+    log.write_text('{"iteration": 1}\n{"iteration": 2}\n{"itera')
+    assert [row["iteration"] for row in read_log(log)] == [1, 2]
+
+
+def test_a_killed_run_is_gone_on_with_from_its_checkpoint(tmp_path):
+    killed = Training(GO2, tiny(0.01), tmp_path)
+    killed.run()
+    done = killed.learner.iteration
+    with (tmp_path / "log.jsonl").open("a") as log:
+        log.write(json.dumps({"iteration": done + 1, "seconds": 9.0}) + '\n{"iter')
+    Training(GO2, tiny(0.02), tmp_path, resume=True)
+    lines = (tmp_path / "log.jsonl").read_text().splitlines()
+    assert [json.loads(line)["iteration"] for line in lines] == list(range(1, done + 1))
+
+    for other, key in (
+        (dataclasses.replace(tiny(0.02), seed=2), "seed"),
+        (dataclasses.replace(tiny(0.02), ppo=PpoConfig(hidden=64)), "ppo"),
+    ):
+        with pytest.raises(BadArgument, match=f"is a run of {key} "):
+            Training(GO2, other, tmp_path, resume=True)
+    stiffer = dataclasses.replace(GO2, kp=50.0)
+    with pytest.raises(BadArgument, match="is a run of gait "):
+        Training(stiffer, tiny(0.02), tmp_path, resume=True)
+
+    state = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
+    state["learner"]["actor"]["layers.0.bias"] = torch.zeros(3)
+    torch.save(state, tmp_path / "checkpoint.pt")
+    with pytest.raises(BadArgument, match="does not fit"):
+        Training(GO2, tiny(0.02), tmp_path, resume=True)
+    (tmp_path / "checkpoint.pt").write_bytes(b"broken")
+    with pytest.raises(BadArgument, match="can be read"):
+        Training(GO2, tiny(0.02), tmp_path, resume=True)
+
+
+def test_an_interrupted_run_is_saved(tmp_path, monkeypatch):
+    training = Training(GO2, tiny(1.0), tmp_path)
+    iterate = training.learner.iterate
+
+    def interrupted(progress):
+        if training.learner.iteration == 2:
+            raise KeyboardInterrupt
+        return iterate(progress)
+
+    monkeypatch.setattr(training.learner, "iterate", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        training.run()
+    assert torch.load(tmp_path / "checkpoint.pt", weights_only=True)["learner"]["iteration"] == 2
+
+
+@pytest.mark.parametrize(
+    "bad", ["--minutes nan", "--minutes inf", "--minutes=-1", "--threads 0", "--seed=-1", "--robot tiago", "--resume"]
+)
+def test_bad_arguments_are_one_line(tmp_path, monkeypatch, capsys, bad):
+    monkeypatch.chdir(tmp_path)
+    assert main(["train", "locomotion", *bad.split()]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_without_out_a_run_goes_to_runs(tmp_path, monkeypatch):
+    class Run:
+        robot = GO2
+
+        def __init__(self, robot, config, out, *, resume):
+            self.out = out
+
+        def run(self):
+            self.out.mkdir(parents=True)
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("train.locomotion.run.Training", Run)
+    assert main(["train", "locomotion", "--robot", "go2"]) == 0
+    assert (tmp_path / "runs" / "go2").is_dir()

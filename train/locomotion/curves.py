@@ -13,6 +13,16 @@ _PANELS = (
 )
 
 
+def read_log(log: Path) -> list[dict[str, float]]:
+    """A run's log; a last line that was torn off is left out."""
+    lines = log.read_text().splitlines()
+    rows = [json.loads(line) for line in lines[:-1]]
+    try:
+        return [*rows, *(json.loads(line) for line in lines[-1:])]
+    except json.JSONDecodeError:
+        return rows
+
+
 def draw_curves(log: Path, picture: Path) -> None:
     """Draw a run's log over its minutes.
 
@@ -25,7 +35,7 @@ def draw_curves(log: Path, picture: Path) -> None:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    rows = [json.loads(line) for line in log.read_text().splitlines()]
+    rows = read_log(log)
     minutes = np.array([row["seconds"] for row in rows]) / 60.0
     figure, axes = plt.subplots(1, len(_PANELS), figsize=(4 * len(_PANELS), 3), layout="constrained")
     for axis, (title, keys) in zip(axes, _PANELS):

@@ -14,12 +14,10 @@ from numpy.typing import NDArray
 
 from robots.locomotion.config import LEGS, QuadrupedConfig
 from robots.locomotion.kernels import ACTION_SIZE, OBSERVATION_SIZE
-from robots.locomotion.model import QuadrupedModel
+from robots.locomotion.model import GRAVITY, QuadrupedModel
 from train.locomotion.kernels import CRITIC_SIZE, NUM_NORMAL, NUM_UNIFORM, REWARDS, Batch, step_kernel
 from train.locomotion.randomise import SILL_DEPTH, SILL_HALF_HEIGHT, SILL_SPACING, SILL_TOP, Randomisation, randomise
 from worlds.mjcf import TOUCHES_FLOOR, RootElement
-
-GRAVITY = 9.81
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,6 +138,7 @@ def compile_training_model(model: QuadrupedModel, physics: int, num_sills: int) 
         )  # fmt: skip
     arena.attach(model.mjcf(touch=True)).add("freejoint")
     option = arena.option
+    option.flag.autoreset = "disable"  # a robot whose state is lost must be seen to be, not start anew unnoticed
     option.timestep = 1.0 / physics
     option.iterations, option.ls_iterations = 6, 8
     return mujoco.MjModel.from_xml_string(arena.to_xml_string())

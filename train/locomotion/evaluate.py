@@ -2,7 +2,7 @@
 
 On the full contact model, through the robot's own sensors with their noise, at the simulation's rates.
 
-Run as ``python -m train.locomotion.evaluate --robot go2 --out DIR``.
+Run as ``python -m train.locomotion.evaluate --robot go2 --out FILE.json``.
 """
 
 # pyright: reportAttributeAccessIssue=false, reportOptionalMemberAccess=false
@@ -29,6 +29,7 @@ from robots.noise import NoiseConfig
 from robots.registry import find_quadruped
 from train.locomotion.environment import compile_training_model
 from train.locomotion.randomise import SILL_SPACING, Randomisation, randomise
+from vuca_nav.errors import BadArgument, VucaError
 from vuca_nav.types import STOP, FloatArray, Pose2, VelocityCommand
 
 CONTROL, PHYSICS = 60, 300
@@ -113,7 +114,10 @@ class Tracking:
 
 
 def track_grid(body: Quadruped, *, push_every: float | None, seconds: float = 10.0, seed: int = 0) -> Tracking:
-    """Each command of the grid for some seconds on a varied robot, the first second left out."""
+    """Each command of the grid for some seconds on a varied robot, the first second left out.
+
+    After a fall it counts as standing still for the rest of the seconds.
+    """
     errors: list[FloatArray] = []
     falls = 0
     for k, command in enumerate(tqdm(grid(), desc="tracking", unit="command", file=sys.stderr)):
@@ -126,10 +130,17 @@ def track_grid(body: Quadruped, *, push_every: float | None, seconds: float = 10
             if track.fallen:
                 falls += 1
                 break
-        errors.append(np.array(rows[CONTROL:]) - command)
+        errors.append(tracking_errors(rows, command, round(seconds * CONTROL)))
     stacked = np.concatenate(errors)
-    means = np.array([e.mean(axis=0) for e in errors if len(e)])
+    means = np.array([e.mean(axis=0) for e in errors])
     return Tracking(_rms(stacked), _rms(means), falls, len(errors))
+
+
+def tracking_errors(rows: list[tuple[float, float, float]], command: VelocityCommand, num_ticks: int) -> FloatArray:
+    """Velocity less command (num_ticks - CONTROL, 3) [m/s, m/s, rad/s]: first second left out, missing rows 0."""
+    velocities = np.zeros((num_ticks, 3))
+    velocities[: len(rows)] = np.array(rows).reshape(-1, 3)
+    return velocities[CONTROL:] - command
 
 
 def count_falls(body: Quadruped, minutes: float, *, roughness: float, push_every: float = 5.0, seed: int = 0) -> int:
@@ -175,15 +186,32 @@ class Arguments:
     weights: Path | None = None
     """By default those shipped."""
     out: Path | None = None
-    """JSON file of the results."""
+    """JSON file of the results, written over if it exists."""
     minutes: float = 60.0
     """Of random commands, on flat floor and on sills and ramps."""
     seed: int = 0
 
 
+def prepare_out(path: Path) -> None:
+    """Make the directory of a results file, before an hour is spent on them.
+
+    Raises:
+        BadArgument: If no file can be written there.
+    """
+    if path.is_dir():
+        raise BadArgument(f"--out {path} is a directory, expected a JSON file")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.open("a").close()
+    except OSError as error:
+        raise BadArgument(f"--out {path} cannot be written: {error}") from error
+
+
 def main() -> None:
     """Print a table, write JSON."""
     arguments = tyro.cli(Arguments)
+    if arguments.out is not None:
+        prepare_out(arguments.out)
     body = Quadruped(find_quadruped(arguments.robot), arguments.weights)
     results: dict = {"robot": arguments.robot, "minutes": arguments.minutes}
     results["real_time_factor"] = real_time_factor(body)
@@ -196,9 +224,12 @@ def main() -> None:
             print(name, results[name], flush=True)
     print(json.dumps(results))
     if arguments.out is not None:
-        arguments.out.parent.mkdir(parents=True, exist_ok=True)
         arguments.out.write_text(json.dumps(results, indent=2) + "\n")
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except VucaError as error:
+        print(f"evaluate: {error}", file=sys.stderr)
+        sys.exit(2)

@@ -22,7 +22,8 @@ from robots.locomotion.odometry import VELOCITY_GAIN
 
 CRITIC_SIZE = OBSERVATION_SIZE + 11
 """Observation, then velocity 3, height, contacts 4, slow tracking error 3."""
-NUM_UNIFORM = 36
+NUM_UNIFORM = 38
+"""A reset takes 26 and one for each encoder."""
 NUM_NORMAL = 30
 REWARDS = (
     "linear", "linear_fine", "yaw", "yaw_fine", "mean_error", "clock", "alive", "bounce", "roll_pitch_rate", "tilt",
@@ -34,6 +35,8 @@ _FALL_HEIGHT = 0.13
 """Of base_link [m]."""
 _CONTACT = 2.0
 """Force that counts as contact [N]."""
+_MAX_STATE = 1e10
+"""Beyond it, as MuJoCo has it, the physics has come apart [any unit]."""
 _SLOW = 0.5
 """Time constant of the slow tracking error [s]."""
 
@@ -95,19 +98,13 @@ def _targets(legs, tuning, command, clock, action, targets, last_targets, delay,
 
 
 @njit(cache=True)
-def _up_in_base(quaternion, up_world, out):
-    """R^T up_world for the quaternion w, x, y, z."""
+def _in_base(quaternion, v, out):
+    """R^T v for the quaternion w, x, y, z: a vector of the world in base_link."""
     w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
-    u0, u1, u2 = up_world[0], up_world[1], up_world[2]
+    u0, u1, u2 = v[0], v[1], v[2]
     out[0] = (1 - 2 * (y * y + z * z)) * u0 + 2 * (x * y + w * z) * u1 + 2 * (x * z - w * y) * u2
     out[1] = 2 * (x * y - w * z) * u0 + (1 - 2 * (x * x + z * z)) * u1 + 2 * (y * z + w * x) * u2
     out[2] = 2 * (x * z + w * y) * u0 + 2 * (y * z - w * x) * u1 + (1 - 2 * (x * x + y * y)) * u2
-
-
-@njit(cache=True)
-def _rotate_back(quaternion, v, out):
-    """R^T v."""
-    _up_in_base(quaternion, v, out)
 
 
 @njit(cache=True)
@@ -149,7 +146,7 @@ def _reset(tuning, batch, i, u, low, high):
     batch.age[i] = 0
     batch.until_command[i] = 60 + int(240.0 * u[25])
     for j in range(12):
-        batch.joint_bias[i, j] = 0.02 * (2.0 * u[(j * 7 + 3) % 36] - 1.0)
+        batch.joint_bias[i, j] = 0.02 * (2.0 * u[26 + j] - 1.0)
 
 
 @njit(cache=True)
@@ -165,8 +162,8 @@ def step_kernel(
         batch.state[i] = states[i]
         state, u, g = batch.state[i], uniform[i], normal[i]
         command, clock, action = batch.command[i], batch.clock[i], batch.action[i]
-        _up_in_base(state[4:8], batch.up_world[i], up)
-        _rotate_back(state[4:8], state[20:23], v_base)
+        _in_base(state[4:8], batch.up_world[i], up)
+        _in_base(state[4:8], state[20:23], v_base)
         gyro = state[23:26]
         level_velocity(up, v_base[0], v_base[1], v_base[2], planar)
         yaw_rate = gyro[0] * up[0] + gyro[1] * up[1] + gyro[2] * up[2]
@@ -234,19 +231,23 @@ def step_kernel(
         batch.age[i] += 1
         finite = True
         for k in range(len(state)):
-            if not math.isfinite(state[k]):
+            if not abs(state[k]) < _MAX_STATE:
+                finite = False
+        for j in range(ACTION_SIZE):
+            if not math.isfinite(action[j]):
                 finite = False
         terminated[i] = not finite or up[2] < _FALL_UP or height < _FALL_HEIGHT
         truncated[i] = (batch.age[i] >= episode or batch.must_reset[i]) and not terminated[i]
         if not finite:
             reward[i] = 0.0
+            t[:] = 0.0
         batch.must_reset[i] = False
         batch.older_action[i] = batch.last_action[i]
         batch.last_action[i] = action
         if terminated[i] or truncated[i]:
             _reset(tuning, batch, i, u, low, high)
-            _up_in_base(state[4:8], batch.up_world[i], up)
-            _rotate_back(state[4:8], state[20:23], v_base)
+            _in_base(state[4:8], batch.up_world[i], up)
+            _in_base(state[4:8], state[20:23], v_base)
             height = tuning.hip_height
         else:
             batch.until_command[i] -= 1
@@ -271,7 +272,7 @@ def step_kernel(
             q[j] = state[8 + j] + 0.005 * g[6 + j] + batch.joint_bias[i, j]
             dq[j] = state[26 + j] + 0.3 * g[18 + j]
         worth = leg_velocity(legs, tuning, noisy_gyro, noisy_up, q, dq, batch.targets[i], planar)
-        for k in range(2):
+        for k in range(2 if worth > 0.0 else 0):  # worth nothing, it was not written: it may be a lost state's
             batch.velocity[i, k] += VELOCITY_GAIN * worth * (planar[k] - batch.velocity[i, k])
         advance_clock(tuning, batch.wanted[i], command, clock)
         fill_observation(

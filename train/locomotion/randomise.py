@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-GRAVITY = 9.81
+from robots.locomotion.model import GRAVITY
+
 SILL_SPACING = 0.9
 """Between the middles of two bars [m]."""
 SILL_DEPTH = 0.5

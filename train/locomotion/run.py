@@ -14,7 +14,8 @@ from torch.utils.tensorboard import SummaryWriter
 from tqdm import tqdm
 
 from robots.locomotion.config import QuadrupedConfig
-from train.locomotion.curves import draw_curves
+from robots.locomotion.network import gait_contract
+from train.locomotion.curves import draw_curves, read_log
 from train.locomotion.environment import EnvironmentConfig, LocomotionEnvironment
 from train.locomotion.policy import export
 from train.locomotion.ppo import Learner, PpoConfig
@@ -72,7 +73,8 @@ class Training:
         resume: Go on with what is in ``out``.
 
     Raises:
-        BadArgument: If ``out`` holds a run and it shall not be resumed, or holds none and it shall.
+        BadArgument: If ``out`` holds a run and it shall not be resumed, or holds none and it shall, or one
+            that cannot be read or is of another robot, gait, seed or learner.
     """
 
     def __init__(self, robot: QuadrupedConfig, config: TrainingConfig, out: Path, *, resume: bool = False):
@@ -81,6 +83,8 @@ class Training:
             raise BadArgument(f"{out} holds a training run; go on with it by --resume, or give another --out")
         if resume and not checkpoint.exists():
             raise BadArgument(f"--resume: there is no {checkpoint}")
+        if out.exists() and not out.is_dir():
+            raise BadArgument(f"--out {out} is a file, expected a directory")
         out.mkdir(parents=True, exist_ok=True)
         torch.set_num_threads(config.threads)
         self.robot, self.config, self.out = robot, config, out
@@ -89,18 +93,54 @@ class Training:
         self.learner = Learner(self._environment(config.stages[0]), config.ppo, config.seed)
         self.elapsed = 0.0
         if resume:
-            state = torch.load(checkpoint, weights_only=True)
-            if state["robot"] != robot.spec.name:
-                raise BadArgument(f"{checkpoint} is a run of {state['robot']!r}, not of {robot.spec.name!r}")
-            self.learner.load(state["learner"])
-            self.elapsed = state["elapsed"]
+            self._load(checkpoint)
         (out / "config.json").write_text(json.dumps(asdict(config), indent=2) + "\n")
 
+    def _load(self, checkpoint: Path) -> None:
+        try:
+            state = torch.load(checkpoint, weights_only=True)
+            contract = {key: state.get(key) for key in self._contract()}
+        except Exception as error:  # torch raises whatever the broken bytes lead to
+            raise BadArgument(f"{checkpoint} is not a checkpoint that can be read: {error}") from error
+        for key, right in self._contract().items():
+            if contract[key] != right:
+                raise BadArgument(f"{checkpoint} is a run of {key} {contract[key]!r}, not of {right!r}")
+        try:
+            self.learner.load(state["learner"])
+            self.elapsed = float(state["elapsed"])
+        except (KeyError, RuntimeError, TypeError, ValueError) as error:
+            raise BadArgument(f"{checkpoint} does not fit the networks of this run: {error}") from error
+        log = self.out / LOG
+        if log.exists():  # what came after the checkpoint is lost, and will come again
+            rows = [row for row in read_log(log) if row["iteration"] <= self.learner.iteration]
+            temporary = log.with_suffix(".tmp")
+            temporary.write_text("".join(json.dumps(row) + "\n" for row in rows))
+            temporary.replace(log)
+
+    def _contract(self) -> dict[str, str | int]:
+        """What a run must have in common with the one it goes on with."""
+        return {
+            "robot": self.robot.spec.name, "gait": gait_contract(self.robot), "seed": self.config.seed,
+            "ppo": json.dumps(asdict(self.config.ppo), sort_keys=True),
+        }  # fmt: skip
+
     def run(self) -> None:
-        """Train until the time is up."""
+        """Train until the time is up; interrupted from the keyboard, save and let the interrupt through."""
+        try:
+            self._run()
+        except KeyboardInterrupt:
+            self.save()
+            raise
+        self.save()
+        draw_curves(self.out / LOG, self.out / "curves.png")
+
+    def _run(self) -> None:
         total = 60.0 * self.config.minutes
-        writer = SummaryWriter(str(self.out / "tensorboard"))
-        with (self.out / LOG).open("a") as log, tqdm(total=round(total), initial=round(self.elapsed), unit="s") as bar:
+        with (
+            SummaryWriter(str(self.out / "tensorboard")) as writer,
+            (self.out / LOG).open("a", buffering=1) as log,
+            tqdm(total=round(total), initial=round(self.elapsed), unit="s") as bar,
+        ):
             for report in self._iterations(total):
                 iteration = self.learner.iteration
                 log.write(json.dumps({"iteration": iteration, "seconds": round(self.elapsed, 2), **report}) + "\n")
@@ -112,16 +152,12 @@ class Training:
                     steps=f"{report['speed/total']:.0f}/s",
                 )  # fmt: skip
                 if iteration % _SAVE_EVERY == 0:
-                    log.flush()
                     self.save()
-        writer.close()
-        self.save()
-        draw_curves(self.out / LOG, self.out / "curves.png")
 
     def save(self) -> None:
         """Checkpoint and weights, each written aside and then moved."""
         temporary = self.out / f"{CHECKPOINT}.tmp"
-        state = {"robot": self.robot.spec.name, "learner": self.learner.state(), "elapsed": self.elapsed}
+        state = {**self._contract(), "learner": self.learner.state(), "elapsed": self.elapsed}
         torch.save(state, temporary)
         temporary.replace(self.out / CHECKPOINT)
         steps = self.learner.iteration * self.config.environment.num_robots * self.config.ppo.horizon
