@@ -8,8 +8,8 @@ RUNS ?= runs
 ROBOT ?= tiago
 WORKERS ?= 2
 # A mission in which TIAGo arrives; most with moving obstacles do not yet (docs/experiments.md).
-DEMO_REGION ?= 3
-DEMO_SEED ?= 4
+DEMO_REGION ?= 1
+DEMO_SEED ?= 8
 
 # The first Python that is new enough; override with `make PYTHON=/path/to/python3.12 ...`.
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
