@@ -20,7 +20,7 @@ from robots.noise import NoiseConfig
 from robots.sensors import WheelOdometer
 from robots.urdf import Inertia, Urdf, read_urdf
 from vuca_nav.types import BodySpec, LidarSpec, Odometry, Pose2, VelocityCommand
-from worlds.mjcf import TOUCHES_FLOOR, TOUCHES_SCENE, Element, RootElement
+from worlds.mjcf import TOUCHES_FLOOR, TOUCHES_SCENE, RootElement
 
 URDF_FILE = "tiago_description/robots/tiago_no_hand.urdf"
 """Without the Hey5 hand: tucked, the hand reaches 0.10 m beyond the base, the bare wrist does not."""
@@ -161,7 +161,7 @@ class Tiago(Body):
         # which here makes the base roll 5% farther than its wheels while it speeds up.
         root.option.integrator = "Euler"
         base = root.worldbody.add("body", name="base_link")
-        _add_inertia(base, fused_base())
+        base.add("inertial", **fused_base().mjcf())
         for name, (kind, (x, y, z), size) in _HULL.items():
             base.add(
                 "geom", name=name, type=kind, pos=(x, y, z - WHEEL_RADIUS), size=size,
@@ -176,7 +176,7 @@ class Tiago(Body):
         root.sensor.add("gyro", name="gyro", site="imu")
         for wheel, y in zip(_wheels(), (WHEEL_SEPARATION / 2.0, -WHEEL_SEPARATION / 2.0)):
             body = base.add("body", name=f"{wheel}_link", pos=(0.0, y, 0.0), euler=(-math.pi / 2.0, 0.0, 0.0))
-            _add_inertia(body, _urdf().links[f"{wheel}_link"].inertia)
+            body.add("inertial", **_urdf().links[f"{wheel}_link"].inertia.mjcf())
             joint = body.add("joint", name=f"{wheel}_joint", type="hinge", axis=(0.0, 0.0, 1.0))
             body.add(
                 "geom", name=wheel, type="sphere", size=(WHEEL_RADIUS,), contype=TOUCHES_FLOOR, conaffinity=0,
@@ -286,13 +286,3 @@ def _yaw_inertia() -> float:
     whole = urdf.fuse("base_link", urdf.links, TUCK)
     x, y, _ = whole.centre
     return float(whole.tensor[2, 2] + whole.mass * (x * x + y * y))
-
-
-def _add_inertia(body: Element, inertia: Inertia) -> None:
-    t = inertia.tensor
-    body.add(
-        "inertial",
-        mass=inertia.mass,
-        pos=inertia.centre,
-        fullinertia=(t[0, 0], t[1, 1], t[2, 2], t[0, 1], t[0, 2], t[1, 2]),
-    )

@@ -8,6 +8,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -34,6 +35,12 @@ class Inertia:
         """The same piece of matter, given in frame a instead of b; ``a_from_b`` is (4, 4)."""
         rotation = a_from_b[:3, :3]
         return Inertia(self.mass, rotation @ self.centre + a_from_b[:3, 3], rotation @ self.tensor @ rotation.T)
+
+    def mjcf(self) -> dict[str, Any]:
+        """Attributes of the ``inertial`` element of a body with this frame."""
+        t = self.tensor
+        full = (t[0, 0], t[1, 1], t[2, 2], t[0, 1], t[0, 2], t[1, 2])
+        return {"mass": self.mass, "pos": self.centre, "fullinertia": full}
 
 
 def combine(inertias: Iterable[Inertia]) -> Inertia:

@@ -75,7 +75,7 @@ class QuadrupedModel:
         root.compiler.angle = "radian"
         root.option.integrator = "implicitfast"  # the servos' damping is stiff for a light shank
         trunk: Any = root.worldbody.add("body", name="base_link")
-        _add_inertia(trunk, self.pieces["base_link"])
+        trunk.add("inertial", **self.pieces["base_link"].mjcf())
         touches = {"contype": TOUCHES_SCENE | TOUCHES_FLOOR, "conaffinity": 0, "group": 3}
         trunk.add("geom", name="trunk", type="box", pos=config.trunk_centre, size=config.trunk_box, **touches)
         trunk.add("site", name="imu")
@@ -101,7 +101,7 @@ class QuadrupedModel:
         for k, joint in enumerate(JOINTS_PER_LEG):
             name = f"{leg}_{joint}"
             body: Any = parent.add("body", name=name, pos=places[k])
-            _add_inertia(body, self.pieces[name])
+            body.add("inertial", **self.pieces[name].mjcf())
             index = 3 * i + k
             body.add(
                 "joint", name=name, type="hinge", axis=axes[k], limited="true",
@@ -149,13 +149,3 @@ class QuadrupedModel:
             if owner in moving:
                 fused[owner].append(link)
         return {body: (link, fused[link]) for link, body in moving.items()}
-
-
-def _add_inertia(body: Element, inertia: Inertia) -> None:
-    t = inertia.tensor
-    body.add(
-        "inertial",
-        mass=inertia.mass,
-        pos=inertia.centre,
-        fullinertia=(t[0, 0], t[1, 1], t[2, 2], t[0, 1], t[0, 2], t[1, 2]),
-    )
