@@ -1,4 +1,4 @@
-"""One control step of a batch after the physics: reward, end of episode, reset, and the next observation."""
+"""One control step of a batch after the physics: reward and end of episode, then reset and the next observation."""
 
 import math
 from typing import NamedTuple
@@ -19,12 +19,14 @@ from robots.locomotion.kernels import (
     servo_torque,
 )
 from robots.locomotion.odometry import VELOCITY_GAIN
+from robots.noise import NoiseConfig
 
 CRITIC_SIZE = OBSERVATION_SIZE + 11
 """Observation, then velocity 3, height, contacts 4, slow tracking error 3."""
-NUM_UNIFORM = 38
-"""A reset takes 26 and one for each encoder."""
-NUM_NORMAL = 30
+NUM_UNIFORM = 26
+"""A reset takes so many."""
+NUM_NORMAL = 49
+"""A sample of the sensors takes 29, their errors of an episode 20."""
 REWARDS = (
     "linear", "linear_fine", "yaw", "yaw_fine", "mean_error", "clock", "alive", "bounce", "roll_pitch_rate", "tilt",
     "height", "torque", "action_rate", "action_jerk", "hips", "slip", "clearance", "stand",
@@ -39,6 +41,33 @@ _MAX_STATE = 1e10
 """Beyond it, as MuJoCo has it, the physics has come apart [any unit]."""
 _SLOW = 0.5
 """Time constant of the slow tracking error [s]."""
+_NUM_ERRORS = 20
+_NUM_SAMPLE = 29
+"""Gyro 3, tilt 2, joint angles 12, joint speeds 12."""
+
+
+class SensorNoise(NamedTuple):
+    """Standard deviations, as ``robots.noise.NoiseConfig`` names and explains them."""
+
+    gyro_scale: float
+    gyro_bias: float
+    gyro: float
+    """Of a sample [rad/s]."""
+    tilt: float
+    tilt_noise: float
+    joint_zero: float
+    joint_angle: float
+    joint_speed: float
+
+    @classmethod
+    def of(cls, noise: NoiseConfig, dt: float, factor: float) -> "SensorNoise":
+        """The simulation's noise, sampled every ``dt`` [s], times a factor."""
+        sigmas = (
+            noise.gyro_scale_sigma, noise.gyro_bias_sigma, noise.gyro_noise_density / math.sqrt(2.0 * dt),
+            noise.tilt_sigma, noise.tilt_noise, noise.joint_zero_sigma, noise.joint_angle_noise,
+            noise.joint_speed_noise,
+        )  # fmt: skip
+        return cls(*(factor * sigma for sigma in sigmas))
 
 
 class Batch(NamedTuple):
@@ -70,8 +99,10 @@ class Batch(NamedTuple):
     until_command: np.ndarray
     """Control steps."""
     must_reset: np.ndarray
-    joint_bias: np.ndarray
-    """Of the encoders (n, 12) [rad]."""
+    height: np.ndarray
+    """Of base_link over the standing feet (n,) [m]."""
+    sensor_errors: np.ndarray
+    """Of the episode (n, 20): gyro's scale 3, its bias 3 [rad/s], pitch and roll [rad], joints' zeros 12 [rad]."""
 
     @classmethod
     def zeros(cls, n: int, state_size: int) -> "Batch":
@@ -79,7 +110,7 @@ class Batch(NamedTuple):
         widths = (state_size, *(ACTION_SIZE,) * 5, 3, 3, 2, 2, 3, 3)
         ints = [np.zeros(n, np.int64) for _ in range(3)]
         arrays = [np.zeros((n, width)) for width in widths]
-        return cls._make((*arrays, *ints, np.ones(n, np.bool_), np.zeros((n, ACTION_SIZE))))
+        return cls._make((*arrays, *ints, np.ones(n, np.bool_), np.zeros(n), np.zeros((n, _NUM_ERRORS))))
 
     def targets_for(self, legs, tuning, control: np.ndarray) -> None:
         """Joint targets of the actions, each robot's late by its delay. control: (n, substeps, ACTION_SIZE)."""
@@ -122,7 +153,7 @@ def _draw_command(u, low, high, out):
 
 
 @njit(cache=True)
-def _reset(tuning, batch, i, u, low, high):
+def _reset(tuning, noise, batch, i, u, g, low, high):
     state = batch.state[i]
     state[:] = 0.0
     yaw = math.pi * (2.0 * u[0] - 1.0)
@@ -145,22 +176,19 @@ def _reset(tuning, batch, i, u, low, high):
     _draw_command(u[21:25], low, high, batch.wanted[i])
     batch.age[i] = 0
     batch.until_command[i] = 60 + int(240.0 * u[25])
-    for j in range(12):
-        batch.joint_bias[i, j] = 0.02 * (2.0 * u[26 + j] - 1.0)
+    for k in range(_NUM_ERRORS):
+        sigma = noise.gyro_scale if k < 3 else noise.gyro_bias if k < 6 else noise.tilt if k < 8 else noise.joint_zero
+        batch.sensor_errors[i, k] = sigma * g[_NUM_SAMPLE + k]
 
 
 @njit(cache=True)
-def step_kernel(
-    legs, tuning, batch, states, sensors, touch, uniform, normal, low, high, push_speed, push_interval, episode,
-    wrap, observation, privileged, reward, terminated, truncated, terms,
-):  # fmt: skip
-    """Everything of a control step that is not physics; the batch and the last six arguments are changed."""
+def judge(legs, tuning, batch, states, sensors, touch, episode, reward, terminated, truncated, terms):
+    """Reward and end of a control step whose physics is done; the batch and the last four arguments are changed."""
     up, v_base, position, rolling, planar = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(2)
-    torque, noisy_gyro, noisy_up, q, dq = np.empty(3), np.empty(3), np.empty(3), np.empty(12), np.empty(12)
-    clean = np.empty(OBSERVATION_SIZE)
+    torque = np.empty(3)
     for i in range(len(states)):
         batch.state[i] = states[i]
-        state, u, g = batch.state[i], uniform[i], normal[i]
+        state = batch.state[i]
         command, clock, action = batch.command[i], batch.clock[i], batch.action[i]
         _in_base(state[4:8], batch.up_world[i], up)
         _in_base(state[4:8], state[20:23], v_base)
@@ -188,6 +216,7 @@ def step_kernel(
                 standing += 1.0
         ground = ground / standing if standing > 0.0 else -tuning.hip_height
         height = -ground
+        batch.height[i] = height
         for leg in range(4):
             phase = leg_phase(leg, clock[0])
             if phase >= tuning.duty and clock[1] > 0.5:
@@ -227,7 +256,7 @@ def step_kernel(
             total += t[k]
         reward[i] = max(total, 0.0) * tuning.dt
 
-        # -- ends and beginnings
+        # -- the end
         batch.age[i] += 1
         finite = True
         for k in range(len(state)):
@@ -244,11 +273,23 @@ def step_kernel(
         batch.must_reset[i] = False
         batch.older_action[i] = batch.last_action[i]
         batch.last_action[i] = action
-        if terminated[i] or truncated[i]:
-            _reset(tuning, batch, i, u, low, high)
-            _in_base(state[4:8], batch.up_world[i], up)
-            _in_base(state[4:8], state[20:23], v_base)
-            height = tuning.hip_height
+
+
+@njit(cache=True)
+def go_on(
+    legs, tuning, noise, batch, done, sensors, touch, uniform, normal, low, high, push_speed, push_interval, wrap,
+    observation, privileged,
+):  # fmt: skip
+    """Beginnings, pushes, new commands, and what the robots now see; batch and the last two arguments are changed."""
+    up, v_base, planar = np.empty(3), np.empty(3), np.empty(2)
+    noisy_gyro, noisy_up, q, dq = np.empty(3), np.empty(3), np.empty(12), np.empty(12)
+    clean = np.empty(OBSERVATION_SIZE)
+    for i in range(len(done)):
+        state, u, g = batch.state[i], uniform[i], normal[i]
+        command, clock, gyro = batch.command[i], batch.clock[i], state[23:26]
+        if done[i]:
+            _reset(tuning, noise, batch, i, u, g, low, high)
+            batch.height[i] = tuning.hip_height
         else:
             batch.until_command[i] -= 1
             if batch.until_command[i] <= 0:
@@ -264,13 +305,21 @@ def step_kernel(
             if abs(state[2]) > 2.0:
                 state[2] -= math.copysign(2.0, state[2])
 
-        # -- what the robot now measures, estimates and is told
+        # -- what the robot now measures, as robots.locomotion.odometry.LegSensors, estimates and is told
+        _in_base(state[4:8], batch.up_world[i], up)
+        _in_base(state[4:8], state[20:23], v_base)
+        errors = batch.sensor_errors[i]
         for k in range(3):
-            noisy_gyro[k] = gyro[k] + 0.03 * g[k]
-            noisy_up[k] = up[k] + 0.01 * g[3 + k]
+            noisy_gyro[k] = (1.0 + errors[k]) * gyro[k] + errors[3 + k] + noise.gyro * g[k]
+        pitch, roll = errors[6] + noise.tilt_noise * g[3], errors[7] + noise.tilt_noise * g[4]
+        noisy_up[0], noisy_up[1] = up[0] - pitch * up[2], up[1] + roll * up[2]
+        noisy_up[2] = up[2] + pitch * up[0] - roll * up[1]
+        length = math.sqrt(noisy_up[0] ** 2 + noisy_up[1] ** 2 + noisy_up[2] ** 2)
+        for k in range(3):
+            noisy_up[k] /= length
         for j in range(12):
-            q[j] = state[8 + j] + 0.005 * g[6 + j] + batch.joint_bias[i, j]
-            dq[j] = state[26 + j] + 0.3 * g[18 + j]
+            q[j] = state[8 + j] + errors[8 + j] + noise.joint_angle * g[5 + j]
+            dq[j] = state[26 + j] + noise.joint_speed * g[17 + j]
         worth = leg_velocity(legs, tuning, noisy_gyro, noisy_up, q, dq, batch.targets[i], planar)
         for k in range(2 if worth > 0.0 else 0):  # worth nothing, it was not written: it may be a lost state's
             batch.velocity[i, k] += VELOCITY_GAIN * worth * (planar[k] - batch.velocity[i, k])
@@ -287,11 +336,11 @@ def step_kernel(
             privileged[i, k] = clean[k]
         n = OBSERVATION_SIZE
         privileged[i, n], privileged[i, n + 1], privileged[i, n + 2] = v_base[0], v_base[1], v_base[2]
-        privileged[i, n + 3] = height
+        privileged[i, n + 3] = batch.height[i]
         for leg in range(4):
-            privileged[i, n + 4 + leg] = 1.0 if sensors[i, touch[leg]] > _CONTACT else 0.0
+            privileged[i, n + 4 + leg] = 1.0 if sensors[i, touch[leg]] > _CONTACT and not done[i] else 0.0
         for k in range(3):
-            privileged[i, n + 8 + k] = slow[k]
+            privileged[i, n + 8 + k] = batch.slow_error[i, k]
 
 
 @njit(cache=True)
