@@ -18,10 +18,11 @@ from robots.locomotion.kernels import (
 from robots.locomotion.model import QuadrupedModel
 from robots.locomotion.odometry import LegSensors
 from robots.noise import NoiseConfig
+from train.locomotion.batch import Batch, SensorNoise
 from train.locomotion.curves import read_log
 from train.locomotion.environment import EnvironmentConfig, LocomotionEnvironment
 from train.locomotion.evaluate import CONTROL, prepare_out, tracking_errors
-from train.locomotion.kernels import CRITIC_SIZE, NUM_NORMAL, NUM_UNIFORM, REWARDS, Batch, SensorNoise, _reset
+from train.locomotion.kernels import CRITIC_SIZE, NUM_NORMAL, NUM_UNIFORM, REWARDS, _reset
 from train.locomotion.policy import Normaliser, action_mirror, observation_mirror, privileged_mirror
 from vuca_nav.errors import BadArgument
 from vuca_nav.types import VelocityCommand

@@ -16,7 +16,8 @@ from robots.locomotion.config import LEGS, QuadrupedConfig
 from robots.locomotion.kernels import ACTION_SIZE, OBSERVATION_SIZE
 from robots.locomotion.model import GRAVITY, QuadrupedModel
 from robots.noise import NoiseConfig
-from train.locomotion.kernels import CRITIC_SIZE, NUM_NORMAL, NUM_UNIFORM, REWARDS, Batch, SensorNoise, go_on, judge
+from train.locomotion.batch import Batch, SensorNoise
+from train.locomotion.kernels import CRITIC_SIZE, NUM_NORMAL, NUM_UNIFORM, REWARDS, go_on, judge
 from train.locomotion.randomise import SILL_DEPTH, SILL_HALF_HEIGHT, SILL_SPACING, SILL_TOP, Randomisation, randomise
 from worlds.mjcf import TOUCHES_FLOOR, RootElement
 

@@ -1,7 +1,6 @@
 """One control step of a batch after the physics: reward and end of episode, then reset and the next observation."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -12,14 +11,13 @@ from robots.locomotion.kernels import (
     advance_clock,
     fill_observation,
     foot_motion,
-    joint_targets,
     leg_phase,
     leg_velocity,
     level_velocity,
     servo_torque,
 )
 from robots.locomotion.odometry import VELOCITY_GAIN
-from robots.noise import NoiseConfig
+from train.locomotion.batch import NUM_ERRORS
 
 CRITIC_SIZE = OBSERVATION_SIZE + 11
 """Observation, then velocity 3, height, contacts 4, slow tracking error 3."""
@@ -41,91 +39,8 @@ _MAX_STATE = 1e10
 """Beyond it, as MuJoCo has it, the physics has come apart [any unit]."""
 _SLOW = 0.5
 """Time constant of the slow tracking error [s]."""
-_NUM_ERRORS = 20
 _NUM_SAMPLE = 29
 """Gyro 3, tilt 2, joint angles 12, joint speeds 12."""
-
-
-class SensorNoise(NamedTuple):
-    """Standard deviations, as ``robots.noise.NoiseConfig`` names and explains them."""
-
-    gyro_scale: float
-    gyro_bias: float
-    gyro: float
-    """Of a sample [rad/s]."""
-    tilt: float
-    tilt_noise: float
-    joint_zero: float
-    joint_angle: float
-    joint_speed: float
-
-    @classmethod
-    def of(cls, noise: NoiseConfig, dt: float, factor: float) -> "SensorNoise":
-        """The simulation's noise, sampled every ``dt`` [s], times a factor."""
-        sigmas = (
-            noise.gyro_scale_sigma, noise.gyro_bias_sigma, noise.gyro_noise_density / math.sqrt(2.0 * dt),
-            noise.tilt_sigma, noise.tilt_noise, noise.joint_zero_sigma, noise.joint_angle_noise,
-            noise.joint_speed_noise,
-        )  # fmt: skip
-        return cls(*(factor * sigma for sigma in sigmas))
-
-
-class Batch(NamedTuple):
-    """What each robot carries from step to step, (n, ...)."""
-
-    state: np.ndarray
-    """MuJoCo's: time, position 19, velocity 18."""
-    action: np.ndarray
-    last_action: np.ndarray
-    older_action: np.ndarray
-    targets: np.ndarray
-    """Of the joints [rad]."""
-    last_targets: np.ndarray
-    wanted: np.ndarray
-    """Command as drawn (n, 3)."""
-    command: np.ndarray
-    """After the slew limit (n, 3)."""
-    clock: np.ndarray
-    velocity: np.ndarray
-    """As the robot estimates it (n, 2) [m/s]."""
-    slow_error: np.ndarray
-    """Low-passed tracking error (n, 3)."""
-    up_world: np.ndarray
-    """Against gravity, in the world (n, 3)."""
-    delay: np.ndarray
-    """Physics steps until new targets reach the servos."""
-    age: np.ndarray
-    """Control steps."""
-    until_command: np.ndarray
-    """Control steps."""
-    must_reset: np.ndarray
-    height: np.ndarray
-    """Of base_link over the standing feet (n,) [m]."""
-    sensor_errors: np.ndarray
-    """Of the episode (n, 20): gyro's scale 3, its bias 3 [rad/s], pitch and roll [rad], joints' zeros 12 [rad]."""
-
-    @classmethod
-    def zeros(cls, n: int, state_size: int) -> "Batch":
-        """Robots that will all be reset."""
-        widths = (state_size, *(ACTION_SIZE,) * 5, 3, 3, 2, 2, 3, 3)
-        ints = [np.zeros(n, np.int64) for _ in range(3)]
-        arrays = [np.zeros((n, width)) for width in widths]
-        return cls._make((*arrays, *ints, np.ones(n, np.bool_), np.zeros(n), np.zeros((n, _NUM_ERRORS))))
-
-    def targets_for(self, legs, tuning, control: np.ndarray) -> None:
-        """Joint targets of the actions, each robot's late by its delay. control: (n, substeps, ACTION_SIZE)."""
-        _targets(
-            legs, tuning, self.command, self.clock, self.action, self.targets, self.last_targets, self.delay, control
-        )
-
-
-@njit(cache=True)
-def _targets(legs, tuning, command, clock, action, targets, last_targets, delay, control):
-    for i in range(len(action)):
-        last_targets[i] = targets[i]
-        joint_targets(legs, tuning, command[i], clock[i], action[i], targets[i])
-        for s in range(control.shape[1]):
-            control[i, s] = last_targets[i] if s < delay[i] else targets[i]
 
 
 @njit(cache=True)
@@ -176,7 +91,7 @@ def _reset(tuning, noise, batch, i, u, g, low, high):
     _draw_command(u[21:25], low, high, batch.wanted[i])
     batch.age[i] = 0
     batch.until_command[i] = 60 + int(240.0 * u[25])
-    for k in range(_NUM_ERRORS):
+    for k in range(NUM_ERRORS):
         sigma = noise.gyro_scale if k < 3 else noise.gyro_bias if k < 6 else noise.tilt if k < 8 else noise.joint_zero
         batch.sensor_errors[i, k] = sigma * g[_NUM_SAMPLE + k]
 
