@@ -17,9 +17,9 @@ from robots.locomotion.kernels import ACTION_SIZE, OBSERVATION_SIZE
 from robots.locomotion.model import GRAVITY, QuadrupedModel
 from robots.noise import NoiseConfig
 from train.locomotion.batch import Batch, SensorNoise
+from train.locomotion.floors import Floor, compile_model
 from train.locomotion.kernels import CRITIC_SIZE, NUM_NORMAL, NUM_UNIFORM, REWARDS, go_on, judge
-from train.locomotion.randomise import SILL_DEPTH, SILL_HALF_HEIGHT, SILL_SPACING, SILL_TOP, Randomisation, randomise
-from worlds.mjcf import TOUCHES_FLOOR, RootElement
+from train.locomotion.randomise import Randomisation, randomise
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,10 @@ class LocomotionEnvironment:
         self.config, self._rng = config, rng
         self.model = QuadrupedModel(robot)
         self.tuning = self.model.tuning(1.0 / config.control)
-        self._base = compile_training_model(self.model, config.physics, config.num_sills)
+        floor = Floor.for_training(config.num_sills)
+        # Targets are late here too, but by steps of the physics, which the batch counts: faster than MuJoCo's history.
+        self._base = compile_model(self.model, config.physics, floor, touch=True, delayed=False)
+        self._base.opt.iterations, self._base.opt.ls_iterations = 6, 8
         n = config.num_robots
         self._models = [copy.copy(self._base) for _ in range(n)]
         self._datas = [mujoco.MjData(self._base) for _ in range(threads)]
@@ -94,7 +97,7 @@ class LocomotionEnvironment:
         self._reward = np.zeros(n, np.float32)
         self._terminated, self._truncated = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
         # Where a robot's place is taken modulo this, the floor is level: it always has the same sills around it.
-        self._wrap = 0.5 * config.num_sills * SILL_SPACING + 0.5 if config.num_sills else 50.0
+        self._wrap = 0.5 * floor.length if config.num_sills else 50.0
         self._terms = np.zeros((n, len(REWARDS)))
         self._draw_bodies(np.arange(n))
 
@@ -113,7 +116,7 @@ class LocomotionEnvironment:
         """From their seeds, so that a checkpoint need not hold the models."""
         for i in chosen.tolist():
             rng, roughness = np.random.default_rng(int(self._body_seeds[i])), float(self._body_roughness[i])
-            randomise(self._models[i], self._base, self.config.randomisation, rng, roughness)
+            randomise(self._models[i], self._base, self._datas[0], self.config.randomisation, rng, roughness)
             self.batch.up_world[i] = -self._models[i].opt.gravity / GRAVITY
 
     def step(self, action: NDArray[np.float32]) -> Transition:
@@ -163,21 +166,3 @@ class LocomotionEnvironment:
     def reward_terms(self) -> dict[str, float]:
         """Mean of each part of the reward in the last step."""
         return dict(zip(REWARDS, self._terms.mean(axis=0).tolist()))
-
-
-def compile_training_model(model: QuadrupedModel, physics: int, num_sills: int) -> mujoco.MjModel:
-    """The robot, free to move, on a floor with bars sunk into it."""
-    arena = RootElement(model="floor")
-    arena.worldbody.add("geom", name="floor", type="plane", size=(0, 0, 1), contype=0, conaffinity=TOUCHES_FLOOR)
-    sills = arena.worldbody.add("body", name="sills")
-    for k in range(num_sills):
-        sills.add(
-            "geom", name=f"sill_{k}", type="box", size=(SILL_DEPTH / 2.0, 4.0, SILL_HALF_HEIGHT), contype=0,
-            conaffinity=TOUCHES_FLOOR, pos=((k - 0.5 * (num_sills - 1)) * SILL_SPACING, 0, SILL_TOP - SILL_HALF_HEIGHT),
-        )  # fmt: skip
-    arena.attach(model.mjcf(touch=True)).add("freejoint")
-    option = arena.option
-    option.flag.autoreset = "disable"  # a robot whose state is lost must be seen to be, not start anew unnoticed
-    option.timestep = 1.0 / physics
-    option.iterations, option.ls_iterations = 6, 8
-    return mujoco.MjModel.from_xml_string(arena.to_xml_string())
