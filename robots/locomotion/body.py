@@ -19,7 +19,6 @@ from robots.locomotion.network import PolicyNetwork, load_policy
 from robots.locomotion.odometry import LegOdometer, LegSensors
 from robots.meshes import merged_parts
 from robots.noise import NoiseConfig
-from vuca_nav.errors import BadArgument
 from vuca_nav.types import Odometry, Pose2, VelocityCommand
 from worlds.mjcf import RootElement
 
@@ -75,10 +74,6 @@ class BoundQuadruped(BoundBody):
     def __init__(
         self, body: Quadruped, model: mujoco.MjModel, data: mujoco.MjData, control_dt: float, noise: NoiseConfig
     ):
-        if abs(control_dt * body.config.control_rate - 1.0) > 1e-9:
-            raise BadArgument(
-                f"{body.spec.name}'s gait runs at {body.config.control_rate} Hz, not at {1.0 / control_dt:g} Hz"
-            )
         self._config, self._dt, self._noise = body.config, control_dt, noise
         name = body.spec.name
         base = model.body(f"{name}/").id

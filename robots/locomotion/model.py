@@ -13,6 +13,7 @@ from robots.locomotion.config import JOINTS_PER_LEG, LEGS, Ball, Drum, Quadruped
 from robots.locomotion.kernels import Tuning, trot_angles
 from robots.locomotion.legs import Legs, joint_of, legs_of
 from robots.urdf import BadUrdf, Inertia, Urdf, read_urdf
+from vuca_nav.errors import BadArgument
 from worlds.mjcf import TOUCHES_FLOOR, TOUCHES_SCENE, Element, RootElement
 
 GRAVITY = 9.81
@@ -63,8 +64,16 @@ class QuadrupedModel:
         self.mass = sum(link.inertia.mass for link in self.urdf.links.values())
 
     def tuning(self, control_dt: float) -> Tuning:
-        """The constants as the kernels take them."""
+        """The constants as the kernels take them.
+
+        Raises:
+            BadArgument: If the gait runs at another rate.
+        """
         config, trot = self.config, self.config.trot
+        if abs(control_dt * config.control_rate - 1.0) > 1e-9:
+            raise BadArgument(
+                f"{config.spec.name}'s gait runs at {config.control_rate} Hz, not at {1 / control_dt:g} Hz"
+            )
         tuning = Tuning(
             dt=control_dt, frequency=trot.frequency, duty=trot.duty, swing_height=trot.swing_height,
             hip_height=trot.hip_height, stance_width=trot.stance_width, ramp_time=trot.ramp_time,
