@@ -71,7 +71,7 @@ GO2 = QuadrupedConfig(
     side_slip=0.05,  # fitted to 70 random walks of varied robots
     yaw_lever=0.5,
     control_rate=60,
-    trot=Trot(),
+    trot=Trot(frequency=2.5),  # at 2 Hz yaw ripples twice as much in the corners of the command range
     weights="go2.safetensors",
 )
 

@@ -31,8 +31,6 @@ REWARDS = (
 )  # fmt: skip
 _FALL_UP = 0.5
 """Vertical part of base_link's z axis below which it has fallen: 60 degrees."""
-_FALL_HEIGHT = 0.13
-"""Of base_link [m]."""
 _CONTACT = 2.0
 """Force that counts as contact [N]."""
 _MAX_STATE = 1e10
@@ -55,7 +53,7 @@ def _in_base(quaternion, v, out):
 
 @njit(cache=True)
 def _draw_command(u, low, high, out):
-    """A tenth of the commands stand still, three tenths move along one axis only."""
+    """A tenth of the commands stand still, three tenths move along one axis only, a fifth are near a corner."""
     for k in range(3):
         out[k] = low[k] + (high[k] - low[k]) * u[k]
     if u[3] < 0.1:
@@ -65,6 +63,11 @@ def _draw_command(u, low, high, out):
         for k in range(3):
             if k != axis:
                 out[k] = 0.0
+    elif u[3] > 0.8:  # density grows in proportion to the distance from the middle of the range
+        for k in range(3):
+            x = 2.0 * u[k] - 1.0
+            share = 0.5 + 0.5 * math.copysign(math.sqrt(abs(x)), x)
+            out[k] = low[k] + (high[k] - low[k]) * share
 
 
 @njit(cache=True)
@@ -157,8 +160,8 @@ def judge(legs, tuning, batch, states, sensors, touch, episode, reward, terminat
                 hips += (tuning.action_scale[j] * action[j]) ** 2
             still += abs(state[8 + j] - tuning.nominal[j]) + 0.05 * abs(state[26 + j])
         t = terms[i]
-        t[0], t[1] = math.exp(-linear2 / 0.25), 1.25 * math.exp(-linear2 / 0.01)
-        t[2], t[3] = 0.5 * math.exp(-e_w * e_w / 0.25), 2.0 * math.exp(-e_w * e_w / 0.02)
+        t[0], t[1] = math.exp(-linear2 / 0.25), 1.25 * math.exp(-linear2 / 0.015)
+        t[2], t[3] = 0.5 * math.exp(-e_w * e_w / 0.25), 2.0 * math.exp(-e_w * e_w / 0.03)
         t[4] = math.exp(-slow2 / 0.01)
         t[5], t[6] = 0.5 * matches / 4.0, 0.3
         t[7], t[8] = -v_up * v_up, -0.05 * (gyro[0] ** 2 + gyro[1] ** 2)
@@ -180,7 +183,7 @@ def judge(legs, tuning, batch, states, sensors, touch, episode, reward, terminat
         for j in range(ACTION_SIZE):
             if not math.isfinite(action[j]):
                 finite = False
-        terminated[i] = not finite or up[2] < _FALL_UP or height < _FALL_HEIGHT
+        terminated[i] = not finite or up[2] < _FALL_UP or height < tuning.fall_height
         truncated[i] = (batch.age[i] >= episode or batch.must_reset[i]) and not terminated[i]
         if not finite:
             reward[i] = 0.0
