@@ -48,8 +48,8 @@ STAGES = (Stage(0.0, 120, 0, 0.0), Stage(0.4, 120, 6, 1.0))
 trained at 120 Hz tracks as well there."""
 
 
-STEPS = 17_000_000
-"""Control steps of the full recipe: about 28 minutes on one core."""
+STEPS = 16_000_000
+"""Control steps of the full recipe: about 27 minutes on one idle core."""
 
 
 @dataclass(frozen=True, slots=True)
