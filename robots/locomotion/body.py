@@ -113,10 +113,7 @@ class BoundQuadruped(BoundBody):
         )  # fmt: skip
         self._all_qpos[self._angles] = np.tile(self._config.lying, 4)
         self._ctrl[:] = self._all_qpos[self._angles]
-        for actuator, target in zip(self._actuators, self._ctrl):
-            depth = int(self._model.actuator_history[actuator, 0])
-            if depth:  # what was on its way to the servos
-                mujoco.mj_initCtrlHistory(self._model, self._data, actuator, None, np.full((depth, 1), target))
+        self._forget_targets()
         mujoco.mj_forward(self._model, self._data)
         self._sensors = LegSensors(self._noise, rng, self._dt)
         self._odometer = LegOdometer(self._noise, rng, self._dt)
@@ -164,6 +161,15 @@ class BoundQuadruped(BoundBody):
         upright = 1.0 - 2.0 * (x * x + y * y)
         given_up = self._gait.mode is Mode.FALLEN
         return bool(given_up or upright < FALLEN_UP or height < self._config.fall_height)
+
+    def _forget_targets(self) -> None:
+        """Nothing older than the present targets is on its way to the servos."""
+        model, data = self._model, self._data
+        for actuator, target in zip(self._actuators, self._ctrl):
+            depth = int(model.actuator_history[actuator, 0])
+            if depth:
+                times = data.time + model.opt.timestep * np.arange(-depth, 0.0)
+                mujoco.mj_initCtrlHistory(model, data, actuator, times, np.full((depth, 1), target))
 
     def _take_in(self) -> None:
         self._measure()
