@@ -63,19 +63,19 @@ def randomise(
         rng: Source of randomness.
         roughness: 0 flat, 1 as rough as the ranges allow.
     """
-    randomise_robot(model, base, data, ranges, rng)
+    sills = base.geom_bodyid == model.body("sills").id
     angle = rng.uniform(-math.pi, math.pi)
     slope = roughness * rng.uniform(0.0, ranges.slope) * (rng.random() < ranges.slopes)
     down = np.array([slope * math.cos(angle), slope * math.sin(angle), -1.0])
     model.opt.gravity[:] = GRAVITY * down / np.linalg.norm(down)
-    sills = base.geom_bodyid == model.body("sills").id
-    if not sills.any():
-        return
-    rough = roughness > 0.0 and rng.random() < ranges.sills
-    height = rng.uniform(*ranges.sill_height, sills.sum()) * roughness
-    # Only within the compiled size and height: MuJoCo's broad phase knows static shapes as they were compiled.
-    model.geom_size[sills, 0] = 0.5 * rng.uniform(0.1 * SILL_DEPTH, SILL_DEPTH, sills.sum())
-    model.geom_pos[sills, 2] = (height if rough else -0.1) - SILL_HALF_HEIGHT
+    if sills.any():
+        rough = roughness > 0.0 and rng.random() < ranges.sills
+        height = rng.uniform(*ranges.sill_height, sills.sum()) * roughness
+        # Only within the compiled size: MuJoCo's broad phase knows shapes as they were compiled.
+        model.geom_size[sills, 0] = 0.5 * rng.uniform(0.1 * SILL_DEPTH, SILL_DEPTH, sills.sum())
+        model.geom_pos[sills, 2] = (height if rough else -0.1) - SILL_HALF_HEIGHT
+    # Last, because it also fits the collision tree to the shapes as they are then.
+    randomise_robot(model, base, data, ranges, rng)
 
 
 def randomise_robot(
