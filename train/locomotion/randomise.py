@@ -71,7 +71,6 @@ def randomise(
     if sills.any():
         rough = roughness > 0.0 and rng.random() < ranges.sills
         height = rng.uniform(*ranges.sill_height, sills.sum()) * roughness
-        # Only within the compiled size: MuJoCo's broad phase knows shapes as they were compiled.
         model.geom_size[sills, 0] = 0.5 * rng.uniform(0.1 * SILL_DEPTH, SILL_DEPTH, sills.sum())
         model.geom_pos[sills, 2] = (height if rough else -0.1) - SILL_HALF_HEIGHT
     # Last, because it also fits the collision tree to the shapes as they are then.
