@@ -16,7 +16,10 @@ def untaught(folder: Path, **changes) -> Quadruped:
     """A Go2 whose policy always says zero, its weights in ``folder``, with other constants if any are named."""
     config = dataclasses.replace(GO2, **changes)
     sizes = (OBSERVATION_SIZE, 4, 4, ACTION_SIZE)
-    tensors = {"mean": np.zeros(OBSERVATION_SIZE, np.float32), "scale": np.ones(OBSERVATION_SIZE, np.float32)}
+    tensors: dict[str, np.ndarray] = {
+        "mean": np.zeros(OBSERVATION_SIZE, np.float32),
+        "scale": np.ones(OBSERVATION_SIZE, np.float32),
+    }
     for k in range(3):
         tensors[f"weight_{k}"] = np.zeros((sizes[k + 1], sizes[k]), np.float32)
         tensors[f"bias_{k}"] = np.zeros(sizes[k + 1], np.float32)

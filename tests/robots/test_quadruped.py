@@ -1,5 +1,8 @@
 """A quadruped's physics, whatever its gait has learned."""
 
+# pyright: reportAttributeAccessIssue=false, reportOptionalMemberAccess=false
+# (MuJoCo's compiled bindings and dm_control's generated elements are invisible to a static checker.)
+
 import dataclasses
 import math
 

@@ -1,3 +1,6 @@
+# pyright: reportAttributeAccessIssue=false
+# (MuJoCo's compiled bindings are invisible to a static checker.)
+
 import math
 
 import mujoco

@@ -63,6 +63,7 @@ def randomise(
         rng: Source of randomness.
         roughness: 0 flat, 1 as rough as the ranges allow.
     """
+    _draw_robot(model, base, ranges, rng)
     sills = base.geom_bodyid == model.body("sills").id
     angle = rng.uniform(-math.pi, math.pi)
     slope = roughness * rng.uniform(0.0, ranges.slope) * (rng.random() < ranges.slopes)
@@ -73,8 +74,8 @@ def randomise(
         height = rng.uniform(*ranges.sill_height, sills.sum()) * roughness
         model.geom_size[sills, 0] = 0.5 * rng.uniform(0.1 * SILL_DEPTH, SILL_DEPTH, sills.sum())
         model.geom_pos[sills, 2] = (height if rough else -0.1) - SILL_HALF_HEIGHT
-    # Last, because it also fits the collision tree to the shapes as they are then.
-    randomise_robot(model, base, data, ranges, rng)
+    # Last: it also fits the collision tree to the shapes as they are then.
+    mujoco.mj_setConst(model, data)
 
 
 def randomise_robot(
@@ -85,7 +86,11 @@ def randomise_robot(
     rng: np.random.Generator,
 ) -> None:
     """Make a model's robot a random variant of ``base``'s; see ``randomise``."""
+    _draw_robot(model, base, ranges, rng)
+    mujoco.mj_setConst(model, data)  # what follows from masses and inertias, like how far a contact gives
 
+
+def _draw_robot(model: mujoco.MjModel, base: mujoco.MjModel, ranges: Randomisation, rng: np.random.Generator) -> None:
     def draw(low_high: tuple[float, float]) -> float:
         return float(rng.uniform(*low_high))
 
@@ -108,4 +113,3 @@ def randomise_robot(
     model.dof_damping[6:] = base.dof_damping[6:] * draw(ranges.damping)
     model.dof_armature[6:] = base.dof_armature[6:] * draw(ranges.armature)
     model.dof_frictionloss[6:] = base.dof_frictionloss[6:] * draw(ranges.joint_friction)
-    mujoco.mj_setConst(model, data)  # what follows from masses and inertias, like how far a contact gives
