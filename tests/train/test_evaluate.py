@@ -10,6 +10,11 @@ from train.locomotion.evaluate import CONTROL, Track, count_falls, grid, real_ti
 from vuca_nav.types import STOP, VelocityCommand
 
 
+@pytest.fixture(scope="module")
+def body(tmp_path_factory):
+    return untaught(tmp_path_factory.mktemp("gait"))
+
+
 class Puppet:
     """Moves at nine tenths of its command, with a jolt of 0.1 m/s to and fro, and falls when told to."""
 
@@ -53,8 +58,8 @@ def test_the_grid_covers_the_range():
     assert commands.max(axis=0).tolist() == [spec.max_v_x, spec.max_v_y, spec.max_w_z]
 
 
-def test_errors_over_the_grid_are_those_that_were_made(puppet):
-    tracking = track_grid(None, push_every=None, seconds=3.0)
+def test_errors_over_the_grid_are_those_that_were_made(body, puppet):
+    tracking = track_grid(body, push_every=None, seconds=3.0)
     tenth = 0.1 * np.sqrt((np.array(grid()) ** 2).mean(axis=0))
     assert tracking.mean_error == pytest.approx(tenth)
     assert tracking.rmse == pytest.approx([np.hypot(tenth[0], 0.1), tenth[1], tenth[2]])
@@ -64,32 +69,27 @@ def test_errors_over_the_grid_are_those_that_were_made(puppet):
     assert len({track.seed for track in puppet.made}) == 60
 
 
-def test_pushes_and_falls_of_the_grid_are_counted(puppet, monkeypatch):
-    track_grid(None, push_every=2.0, seconds=6.0)
+def test_pushes_and_falls_of_the_grid_are_counted(body, puppet, monkeypatch):
+    track_grid(body, push_every=2.0, seconds=6.0)
     assert puppet.pushes == 3 * 60  # after 1, 3 and 5 s
     monkeypatch.setattr(Puppet, "fall_after", 2 * CONTROL)
-    tracking = track_grid(None, push_every=None, seconds=3.0)
+    tracking = track_grid(body, push_every=None, seconds=3.0)
     assert tracking.falls == 60
     # Of two seconds that count one is walked, the other lain: errors of a tenth and of all of the command.
     whole = np.sqrt((np.array(grid()) ** 2).mean(axis=0))
     assert tracking.mean_error == pytest.approx(0.55 * whole, abs=1e-3)
 
 
-def test_falls_are_counted_and_gone_on_after(puppet, monkeypatch):
+def test_falls_are_counted_and_gone_on_after(body, puppet, monkeypatch):
     monkeypatch.setattr(Puppet, "fall_after", 25 * CONTROL)
-    assert count_falls(None, 3.0, rough=False) == 6  # at 25 s and 50 s of each minute
+    assert count_falls(body, 3.0, rough=False) == 6  # at 25 s and 50 s of each minute
     assert [track.restarts for track in puppet.made] == [2, 2, 2]
     assert puppet.pushes == 3 * 12
     assert all(not track.floor.tops and track.floor.slope == 0.0 for track in puppet.made)
     puppet.made.clear()
-    count_falls(None, 3.0, rough=True)
+    count_falls(body, 3.0, rough=True)
     assert [track.floor.slope == evaluate.SLOPE for track in puppet.made] == [True, False, False]
     assert all(max(track.floor.tops) == evaluate.SILL for track in puppet.made)
-
-
-@pytest.fixture(scope="module")
-def body(tmp_path_factory):
-    return untaught(tmp_path_factory.mktemp("gait"))
 
 
 def walk(track, command, seconds):
