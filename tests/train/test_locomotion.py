@@ -176,20 +176,26 @@ def test_a_new_floor_comes_with_a_new_episode():
 
 
 def test_an_environment_goes_on_from_its_state_bit_by_bit():
+    """On rough floors drawn anew several times: nothing may stay of what was there before."""
     action = np.random.default_rng(5).normal(0.0, 0.3, (8, ACTION_SIZE)).astype(np.float32)
-    rng = np.random.default_rng(0)
-    first = LocomotionEnvironment(GO2, SMALL, rng)
-    first.difficulty = 1.0
-    for _ in range(30):
-        first.step(action)
-    first.new_floors(0.3)
+    config = dataclasses.replace(SMALL, num_sills=6)
+
+    def make(rng, threads):
+        environment = LocomotionEnvironment(GO2, config, rng, threads)
+        environment.difficulty = environment.roughness = 1.0
+        return environment
+
+    rng, other_rng = np.random.default_rng(0), np.random.default_rng(99)
+    first, second = make(rng, 1), make(other_rng, 2)
+    for _ in range(4):
+        first.new_floors(0.5)
+        for _ in range(15):
+            first.step(action)
+    first.new_floors(0.5)
     state, generator = copy.deepcopy(first.state()), copy.deepcopy(rng.bit_generator.state)
-    other_rng = np.random.default_rng(99)
-    second = LocomotionEnvironment(GO2, SMALL, other_rng, threads=2)
-    second.difficulty = 1.0
     second.load(state)
     other_rng.bit_generator.state = generator
-    for _ in range(30):
+    for _ in range(60):
         here = first.step(action).observation.copy()
         there = second.step(action).observation
         assert here.tobytes() == there.tobytes()
