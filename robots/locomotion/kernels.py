@@ -210,11 +210,12 @@ def _triple(a, b, c):
 
 
 @njit(cache=True)
-def leg_velocity(legs, tuning, gyro, up, q, dq, targets, out):
+def leg_velocity(legs, tuning, gyro, up, q, dq, targets, last_targets, out):
     """The body's velocity as the standing feet give it, along the floor. out: (2,) forward, left [m/s].
 
-    Each foot counts by the cube of the force it carries. The result is in the heading frame: base_link's x axis,
-    levelled.
+    Each foot counts by the cube of the force it carries. Targets reach the servos up to a control step late, so it is
+    not known which ones a measurement was made under: a foot carries what both the present and the last ones say.
+    The result is in the heading frame: base_link's x axis, levelled.
 
     Returns:
         Share of the robot's weight on the feet, at most 1: how much the answer is worth.
@@ -224,8 +225,11 @@ def leg_velocity(legs, tuning, gyro, up, q, dq, targets, out):
     for leg in range(4):
         j = 3 * leg
         for i in range(3):
-            torque[i] = servo_torque(tuning, j + i, targets[j + i], q[j + i], dq[j + i])
+            torque[i] = servo_torque(tuning, j + i, last_targets[j + i], q[j + i], dq[j + i])
         force = foot_motion(legs, leg, q[j : j + 3], dq[j : j + 3], gyro, up, torque, velocity)
+        for i in range(3):
+            torque[i] = servo_torque(tuning, j + i, targets[j + i], q[j + i], dq[j + i])
+        force = min(force, foot_motion(legs, leg, q[j : j + 3], dq[j : j + 3], gyro, up, torque, velocity))
         # Below a tenth of the weight a foot may be swinging: its leg's inertia looks like that much force. The cube
         # leaves little to feet just set down or about to lift off, which carry some weight but do not stand.
         share = min(max(force / tuning.weight - 0.1, 0.0), 0.5)

@@ -238,7 +238,7 @@ def go_on(
         for j in range(12):
             q[j] = state[8 + j] + errors[8 + j] + noise.joint_angle * g[5 + j]
             dq[j] = state[26 + j] + noise.joint_speed * g[17 + j]
-        worth = leg_velocity(legs, tuning, noisy_gyro, noisy_up, q, dq, batch.targets[i], planar)
+        worth = leg_velocity(legs, tuning, noisy_gyro, noisy_up, q, dq, batch.targets[i], batch.last_targets[i], planar)
         for k in range(2 if worth > 0.0 else 0):  # worth nothing, it was not written: it may be a lost state's
             batch.velocity[i, k] += VELOCITY_GAIN * worth * (planar[k] - batch.velocity[i, k])
         advance_clock(tuning, batch.wanted[i], command, clock)
