@@ -7,7 +7,7 @@ Numbers come from example-robot-data's ``go2.urdf`` ("the URDF") or from MuJoCo 
 import numpy as np
 
 from robots.locomotion.body import Quadruped
-from robots.locomotion.config import QuadrupedConfig, Trot
+from robots.locomotion.config import Ball, Drum, QuadrupedConfig, Trot
 from vuca_nav.types import BodySpec, LidarSpec
 
 FOOTPRINT = np.array(
@@ -48,18 +48,30 @@ GO2 = QuadrupedConfig(
     foot_friction=(0.8, 0.02, 0.01),  # Menagerie
     trunk_box=(0.1881, 0.04675, 0.057),  # Unitree's own URDF (unitree_ros): 0.3762 x 0.0935 x 0.114
     trunk_centre=(0.0, 0.0, 0.0),
+    head=(  # Unitree's own URDF, its Head_upper and Head_lower
+        Drum((0.285, 0.0, 0.01), 0.05, 0.045, (0.0, 0.0, 1.0)),
+        Ball((0.293, 0.0, -0.06), 0.047),
+    ),
+    hip=Drum((0.0, 0.08, 0.0), 0.046, 0.02, (0.0, 1.0, 0.0)),  # Unitree's own URDF
     limb_radii=(0.022, 0.013),  # thigh 0.0245 x 0.034 m across, shank 0.013 (unitree_ros)
     height=0.42,
     armature=(ROTOR_INERTIA * GEAR**2, ROTOR_INERTIA * GEAR**2, ROTOR_INERTIA * KNEE_GEAR**2),
     joint_damping=0.1,  # Menagerie
     joint_friction=0.2,  # Menagerie
     torque_limits=(23.7, 23.7, 45.43),
+    speed_limits=(30.1, 30.1, 15.7),
+    full_torque_speed=0.45,  # Go2HV of Unitree's unitree_rl_lab: full torque to 13.5 rad/s, none at 30
+    latency=0.01,  # assumed: sensors and policy, Unitree's bus (500 Hz) both ways and the motors' own loop
     kp=40.0,
     kd=1.0,
     action_scale=(0.15, 0.25, 0.25),
     lying=(0.0, 1.30, -2.70),
-    lying_height=0.08,
-    trot=Trot(),
+    lying_height=0.12,  # on its feet
+    fall_height=0.13,
+    side_slip=0.05,  # fitted to 70 random walks of varied robots
+    yaw_lever=0.5,
+    control_rate=60,
+    trot=Trot(frequency=2.5),  # at 2 Hz yaw ripples twice as much in the corners of the command range
     weights="go2.safetensors",
 )
 

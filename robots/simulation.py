@@ -143,7 +143,7 @@ class Simulation:
         self._movers.reset()
         place_mocap(self._movers.part_poses, self._mocap_pos, self._mocap_quat)
         self._bound.reset(self.world.start, self._rng(1))
-        self._contacts.watch(False)
+        self._contacts.watch(True)
         for _ in range(round(self.body.settle_time * self._rates.control)):
             self._bound.apply(STOP)
             mujoco.mj_step(self.model, self.data, nstep=self._substeps)

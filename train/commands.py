@@ -1,6 +1,5 @@
 """The command ``vuca train``: arguments in, an exit code out. What is heavy is imported when needed."""
 
-import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,10 +22,10 @@ class TrainArguments:
     out: Path | None = None
     """Directory of checkpoints, log, TensorBoard files, curves and weights; by default runs/ROBOT."""
     seed: int = 0
-    minutes: Annotated[float, tyro.conf.arg(metavar="M")] = 45.0
-    """How long."""
+    steps: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    """Control steps of all robots together; by default the full recipe. The curriculum follows them."""
     threads: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """Processor cores to use; by default all."""
+    """Processor cores to use; by default all. The weights do not depend on it."""
     resume: bool = False
     """Go on with what is in --out."""
 
@@ -34,8 +33,8 @@ class TrainArguments:
 def train(argv: list[str]) -> int:
     """Train a gait: PPO over batched MuJoCo, to weights a mission can load."""
     arguments = parse(TrainArguments, "train", argv)
-    if not (math.isfinite(arguments.minutes) and arguments.minutes > 0.0):
-        raise BadArgument(f"--minutes must be a positive number, got {arguments.minutes}")
+    if arguments.steps is not None and arguments.steps < 1:
+        raise BadArgument(f"--steps must be 1 or more, got {arguments.steps}")
     if arguments.seed < 0:
         raise BadArgument(f"the seed must be 0 or more, got {arguments.seed}")
     threads = len(os.sched_getaffinity(0)) if arguments.threads is None else arguments.threads
@@ -43,10 +42,10 @@ def train(argv: list[str]) -> int:
         raise BadArgument(f"--threads must be 1 or more, got {arguments.threads}")
     out = arguments.out or Path("runs") / arguments.robot
     from robots.registry import find_quadruped
-    from train.locomotion.run import Training, TrainingConfig
+    from train.locomotion.run import STEPS, Training, TrainingConfig
 
-    config = TrainingConfig(seed=arguments.seed, minutes=arguments.minutes, threads=threads)
-    training = Training(find_quadruped(arguments.robot), config, out, resume=arguments.resume)
+    config = TrainingConfig(seed=arguments.seed, steps=STEPS if arguments.steps is None else arguments.steps)
+    training = Training(find_quadruped(arguments.robot), config, out, resume=arguments.resume, threads=threads)
     training.run()
     print(f"weights: {out / training.robot.weights}")
     return 0

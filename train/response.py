@@ -6,7 +6,8 @@ The training arena moves its robots by this model; evaluation runs the body itse
 
 import json
 import math
-from collections.abc import Callable
+import sys
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,8 @@ from typing import Any
 import numpy as np
 import tyro
 from numba import njit
-from scipy.optimize import minimize_scalar
+from scipy.optimize import least_squares
+from tqdm import tqdm
 
 from robots.body import Body
 from robots.noise import NoiseConfig
@@ -28,15 +30,21 @@ from worlds.world import World
 RATE = 30.0
 """Of commands and of what is measured [Hz]."""
 AXES = ("v_x", "v_y", "w_z")
-MAX_DELAY = 10
-"""Of those tried [ticks]."""
+MAX_DELAY, MIN_LAG, MAX_LAG = 0.3, 0.002, 1.0
+"""Of those tried [s]."""
+NUM_RUNS = 3
+"""With noise and commands of their own, fitted together."""
 _HALL = 400.0
 """Side of the empty hall: nothing is ever near [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class AxisResponse:
-    """One axis: ``v += clip((gain u(t - delay) - v) dt / lag, -a dt, a dt)``, and what is left as noise."""
+    """One axis, and what is left as noise.
+
+    The body lets the command change by at most its own limit ``a``, then follows it late, as a first-order lag:
+    ``s += clip(u - s, -a dt, a dt); v += (1 - exp(-dt / lag)) (gain s(t - delay) - v)``.
+    """
 
     gain: float
     lag: float
@@ -44,7 +52,7 @@ class AxisResponse:
     delay: float
     """[s]"""
     acceleration: float
-    """Limit of the body's own [m/s^2 or rad/s^2]."""
+    """The body's own limit of the command's change [m/s^2 or rad/s^2]."""
     noise: float
     """Standard deviation of the momentary velocity about the model [m/s or rad/s]."""
     explained: float
@@ -82,46 +90,49 @@ def excite(body: Body, axis: int, seed: int, seconds: float = 60.0) -> tuple[Flo
 
 @njit(cache=True)
 def respond(commands, gain, lag, delay, acceleration, dt):
-    """The model's velocity (n,) for commands (n,)."""
-    v, out = 0.0, np.empty(len(commands))
-    keep = math.exp(-dt / lag)
+    """The model's velocity (n,) for commands (n,) at intervals of dt [s]; see AxisResponse."""
+    slewed, out = np.empty(len(commands)), np.empty(len(commands))
+    wanted, velocity, keep = 0.0, 0.0, math.exp(-dt / lag)
+    late = int(delay / dt)
+    share = delay / dt - late  # a delay between two ticks is a mixture of them
     for k in range(len(commands)):
-        wanted = gain * commands[k - delay] if k >= delay else 0.0
-        change = (1.0 - keep) * (wanted - v)
-        v += min(max(change, -acceleration * dt), acceleration * dt)
-        out[k] = v
+        wanted += min(max(commands[k] - wanted, -acceleration * dt), acceleration * dt)
+        slewed[k] = wanted
+        newer = slewed[k - late] if k >= late else 0.0
+        older = slewed[k - late - 1] if k >= late + 1 else 0.0
+        velocity += (1.0 - keep) * (gain * (newer + share * (older - newer)) - velocity)
+        out[k] = velocity
     return out
 
 
-def fit(commands: FloatArray, measured: FloatArray, acceleration: float) -> AxisResponse:
-    """Least squares over gain, lag and delay.
+def fit(runs: Sequence[tuple[FloatArray, FloatArray]], acceleration: float) -> AxisResponse:
+    """Least squares over gain, lag and delay, from several beginnings: lag and delay can stand in for each other.
 
     Args:
-        commands: (n,).
-        measured: (n,).
+        runs: Commands (n,) and measured velocities (n,) of each.
         acceleration: The body's own limit.
     """
     dt = 1.0 / RATE
 
-    def residual(gain: float, lag: float, delay: int) -> float:
-        return float(np.mean((respond(commands, gain, lag, delay, acceleration, dt) - measured) ** 2))
+    def residuals(parameters: FloatArray) -> FloatArray:
+        gain, lag, delay = parameters.tolist()
+        return np.concatenate(
+            [respond(commands, gain, lag, delay, acceleration, dt) - measured for commands, measured in runs]
+        )
 
-    best = (math.inf, 1.0, 0.1, 0)
-    for delay in range(MAX_DELAY + 1):
-        gain, lag = 1.0, 0.1
-        for _ in range(4):  # gain and lag in turns: they hardly depend on each other
-            lag = _least(lambda x: residual(gain, x, delay), 0.005, 1.0)  # noqa: B023  (called at once)
-            gain = _least(lambda x: residual(x, lag, delay), 0.5, 1.5)  # noqa: B023
-        best = min(best, (residual(gain, lag, delay), gain, lag, delay))
-    error, gain, lag, delay = best
-    return AxisResponse(
-        gain, lag, delay * dt, acceleration, math.sqrt(error), 1.0 - error / max(float(np.var(measured)), 1e-12)
-    )
-
-
-def _least(function: Callable[[float], float], low: float, high: float) -> float:
-    result: Any = minimize_scalar(function, bounds=(low, high), method="bounded")
-    return float(result.x)
+    best: Any = None
+    for delay in np.linspace(0.1, 0.9, 5) * MAX_DELAY:
+        for lag in (0.02, 0.08):
+            found = least_squares(
+                residuals, (1.0, lag, delay), bounds=((0.5, MIN_LAG, 0.0), (1.5, MAX_LAG, MAX_DELAY)),
+                x_scale=(1.0, 0.1, 0.1), diff_step=1e-4,
+            )  # fmt: skip
+            if best is None or found.cost < best.cost:
+                best = found
+    gain, lag, delay = best.x.tolist()
+    error = 2.0 * best.cost / len(best.fun)
+    variance = float(np.var(np.concatenate([measured for _, measured in runs])))
+    return AxisResponse(gain, lag, delay, acceleration, math.sqrt(error), 1.0 - error / max(variance, 1e-12))
 
 
 def identify(body: Body, out: Path, seed: int) -> dict[str, AxisResponse]:
@@ -136,13 +147,12 @@ def identify(body: Body, out: Path, seed: int) -> dict[str, AxisResponse]:
     axes = [a for a in range(3) if limits[a][0] > 0.0]
     figure, panels = plt.subplots(len(axes), 1, figsize=(11, 2.4 * len(axes)), layout="constrained", squeeze=False)
     responses = {}
-    for panel, axis in zip(panels[:, 0], axes):
-        commands, measured = excite(body, axis, seed)
-        response = fit(commands, measured, limits[axis][1])
+    for panel, axis in zip(panels[:, 0], tqdm(axes, desc="axes", unit="axis", file=sys.stderr)):
+        runs = [excite(body, axis, NUM_RUNS * seed + k) for k in range(NUM_RUNS)]
+        response = fit(runs, limits[axis][1])
         responses[AXES[axis]] = response
-        fitted = respond(
-            commands, response.gain, response.lag, round(response.delay * RATE), response.acceleration, 1.0 / RATE
-        )
+        commands, measured = runs[0]
+        fitted = respond(commands, response.gain, response.lag, response.delay, response.acceleration, 1.0 / RATE)
         t = np.arange(len(commands)) / RATE
         panel.plot(t, commands, lw=0.8, c="0.6", label="command")
         panel.plot(t, measured, lw=0.8, label="measured")

@@ -13,7 +13,7 @@ import numpy as np
 
 from robots.body import Body, BoundBody, VisualPart
 from robots.locomotion.config import QuadrupedConfig
-from robots.locomotion.gait import FALLEN_UP, START_UP_TIME, Gait
+from robots.locomotion.gait import FALLEN_UP, START_UP_TIME, Gait, Mode
 from robots.locomotion.model import QuadrupedModel, joint_names
 from robots.locomotion.network import PolicyNetwork, load_policy
 from robots.locomotion.odometry import LegOdometer, LegSensors
@@ -22,8 +22,6 @@ from robots.noise import NoiseConfig
 from vuca_nav.types import Odometry, Pose2, VelocityCommand
 from worlds.mjcf import RootElement
 
-_FALLEN_HEIGHT = 0.5
-"""Of base_link, relative to standing: below it, it lies."""
 _REST_TIME = 0.8
 """For the policy to come to rest after the start-up [s]."""
 
@@ -87,6 +85,7 @@ class BoundQuadruped(BoundBody):
         actuators = [model.actuator(joint).id for joint in joints]
         self._ctrl = data.ctrl[actuators[0] : actuators[0] + len(actuators)]
         assert actuators == list(range(actuators[0], actuators[0] + len(actuators)))
+        self._actuators = actuators
 
         def sensor(first: str, size: int) -> np.ndarray:
             address = int(model.sensor(f"{name}/{first}").adr[0])
@@ -114,6 +113,7 @@ class BoundQuadruped(BoundBody):
         )  # fmt: skip
         self._all_qpos[self._angles] = np.tile(self._config.lying, 4)
         self._ctrl[:] = self._all_qpos[self._angles]
+        self._forget_targets()
         mujoco.mj_forward(self._model, self._data)
         self._sensors = LegSensors(self._noise, rng, self._dt)
         self._odometer = LegOdometer(self._noise, rng, self._dt)
@@ -152,10 +152,24 @@ class BoundQuadruped(BoundBody):
         return replace(self._odometer.odometry(stamp), up=(float(up[0]), float(up[1]), float(up[2])))
 
     def has_fallen(self) -> bool:
-        """Whether it leans by more than 50 degrees or its trunk is near the floor."""
-        x, y, z = self._qpos[4], self._qpos[5], self._qpos[2]
+        """Whether it leans by more than 50 degrees, has given up, or its trunk is near the floor at height 0."""
+        return self.has_fallen_at(self._qpos[2])
+
+    def has_fallen_at(self, height: float) -> bool:
+        """As ``has_fallen``, with base_link so high over another floor [m]."""
+        x, y = self._qpos[4], self._qpos[5]
         upright = 1.0 - 2.0 * (x * x + y * y)
-        return bool(upright < FALLEN_UP or z < _FALLEN_HEIGHT * self._config.trot.hip_height)
+        given_up = self._gait.mode is Mode.FALLEN
+        return bool(given_up or upright < FALLEN_UP or height < self._config.fall_height)
+
+    def _forget_targets(self) -> None:
+        """Nothing older than the present targets is on its way to the servos."""
+        model, data = self._model, self._data
+        for actuator, target in zip(self._actuators, self._ctrl):
+            depth = int(model.actuator_history[actuator, 0])
+            if depth:
+                times = data.time + model.opt.timestep * np.arange(-depth, 0.0)
+                mujoco.mj_initCtrlHistory(model, data, actuator, times, np.full((depth, 1), target))
 
     def _take_in(self) -> None:
         self._measure()

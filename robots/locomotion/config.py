@@ -28,7 +28,31 @@ class Trot:
     ramp_time: float = 0.2
     """In which stepping fades in or out when the command leaves or reaches zero [s]."""
     deadband: float = 0.02
-    """Commands slower than this mean standing still [m/s; 0.5 m turns rad/s into m/s]."""
+    """Commands slower than this mean standing still [m/s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ball:
+    """A sphere of a collision model."""
+
+    centre: tuple[float, float, float]
+    """In the frame of the body it belongs to [m]."""
+    radius: float
+    """[m]"""
+
+
+@dataclass(frozen=True, slots=True)
+class Drum:
+    """A cylinder of a collision model."""
+
+    centre: tuple[float, float, float]
+    """In the frame of the body it belongs to [m]."""
+    radius: float
+    """[m]"""
+    half_length: float
+    """[m]"""
+    axis: tuple[float, float, float]
+    """Along it, a unit vector."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +82,10 @@ class QuadrupedConfig:
     """Half sizes of the trunk's collision box [m]."""
     trunk_centre: tuple[float, float, float]
     """Of that box in base_link [m]."""
+    head: tuple[Ball | Drum, ...]
+    """More shapes of the trunk's collision model."""
+    hip: Drum
+    """The collision shape of a left leg's hip link; those of the right legs are its mirror image."""
     limb_radii: tuple[float, float]
     """Of the capsules around thigh and shank [m]."""
     height: float
@@ -70,6 +98,12 @@ class QuadrupedConfig:
     """Dry friction [N m]."""
     torque_limits: tuple[float, float, float]
     """[N m]; checked against the URDF's."""
+    speed_limits: tuple[float, float, float]
+    """Without load [rad/s]; checked against the URDF's."""
+    full_torque_speed: float
+    """Share of that speed up to which a motor gives its full torque; from there it falls to none in a straight line."""
+    latency: float
+    """From a measurement until its targets reach the servos, in the simulation [s]."""
     kp: float
     """Of the joints' position servos [N m/rad]."""
     kd: float
@@ -80,6 +114,14 @@ class QuadrupedConfig:
     """Joint angles of a leg folded under the lying trunk [rad]."""
     lying_height: float
     """Of base_link over the floor then [m]."""
+    fall_height: float
+    """Of base_link over the floor: below it, it lies [m]."""
+    side_slip: float
+    """Feet under load creep: the body drifts by so much times its centripetal acceleration, outwards [s]."""
+    yaw_lever: float
+    """Turns rad/s into m/s when it is asked whether a command is slow [m]."""
+    control_rate: int
+    """Of the gait [Hz]."""
     trot: Trot
     weights: str
     """File in robots/locomotion/weights."""

@@ -62,7 +62,7 @@ class Gait:
         self._legs, self._tuning, self._policy = model.legs, model.tuning(control_dt), policy
         self._folded = np.tile(model.config.lying, 4)
         self._start = np.zeros(ACTION_SIZE)
-        self._action, self._targets = np.zeros(ACTION_SIZE), np.zeros(ACTION_SIZE)
+        self._action, self._targets, self._last_targets = (np.zeros(ACTION_SIZE) for _ in range(3))
         self._command, self._wanted, self._clock = np.zeros(3), np.zeros(3), np.zeros(2)
         self._trim, self._asked = np.zeros(3), np.zeros(3)
         self._observation = np.zeros(OBSERVATION_SIZE)
@@ -74,6 +74,7 @@ class Gait:
         """Begin with the start-up, from joint angles (12,) [rad]."""
         self._start[:] = q
         self._targets[:] = q
+        self._last_targets[:] = q
         for array in (self._action, self._command, self._clock, self._trim, self.velocity, self.leg_velocity):
             array[:] = 0.0
         self.mode, self._time, self._low_ticks, self.worth = Mode.STARTING, 0.0, 0, 0.0
@@ -92,7 +93,9 @@ class Gait:
         """
         if not math.isfinite(gyro.sum() + up.sum() + q.sum() + dq.sum()):
             raise BadObservation(f"gait measurement is not finite: gyro {gyro}, up {up}, angles {q}, speeds {dq}")
-        self.worth = leg_velocity(self._legs, self._tuning, gyro, up, q, dq, self._targets, self.leg_velocity)
+        self.worth = leg_velocity(
+            self._legs, self._tuning, gyro, up, q, dq, self._targets, self._last_targets, self.leg_velocity
+        )
         self.velocity += VELOCITY_GAIN * self.worth * (self.leg_velocity - self.velocity)
         self._low_ticks = self._low_ticks + 1 if up[2] < FALLEN_UP else 0
         if self._low_ticks >= FALLEN_TICKS:
@@ -108,6 +111,7 @@ class Gait:
         """
         if not (math.isfinite(command[0]) and math.isfinite(command[1]) and math.isfinite(command[2])):
             raise BadObservation(f"velocity command is not finite: {tuple(command)}")
+        self._last_targets[:] = self._targets
         if self.mode is Mode.FALLEN:
             self._targets[:] = q
         elif self.mode is Mode.STARTING:

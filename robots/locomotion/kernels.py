@@ -19,17 +19,12 @@ RATE_SCALE = 0.05
 """Of joint speeds in the observation [s/rad]."""
 GYRO_SCALE = 0.25
 """Of angular rates in the observation [s/rad]."""
-SIDE_SLIP = 0.05
-"""Feet under load creep: the body drifts by so much times its centripetal acceleration, outwards [s]. Fitted to
-70 random walks of varied Go2s."""
 TRIM_RATE = 1.0
 """Of the integral that takes away steady errors of the velocity [1/s]."""
 TRIM_LIMIT = 0.1
 """[m/s]"""
 TURN_TRIM_LIMIT = 0.1
 """[rad/s]"""
-_YAW_LEVER = 0.5
-"""Turns rad/s into m/s when it is asked whether a command is slow [m]."""
 
 
 class Tuning(NamedTuple):
@@ -49,6 +44,10 @@ class Tuning(NamedTuple):
     """Of the robot [N]."""
     max_torque: np.ndarray
     """(3,) [N m]"""
+    stall_torque: np.ndarray
+    """Where the straight line of torque against speed begins (3,) [N m]."""
+    no_load_speed: np.ndarray
+    """Where it ends (3,) [rad/s]."""
     slew: np.ndarray
     """Largest change of the command, v_x, v_y, w_z (3,) [m/s^2, rad/s^2]."""
     nominal: np.ndarray
@@ -59,6 +58,12 @@ class Tuning(NamedTuple):
     """(12,) [rad]"""
     upper: np.ndarray
     """(12,) [rad]"""
+    fall_height: float
+    """Of base_link over the floor: below it, it lies [m]."""
+    side_slip: float
+    """See QuadrupedConfig [s]."""
+    yaw_lever: float
+    """See QuadrupedConfig [m]."""
 
 
 @njit(cache=True)
@@ -74,7 +79,7 @@ def advance_clock(tuning, wanted, command, clock):
     for i in range(3):
         step = tuning.slew[i] * tuning.dt
         command[i] += min(max(wanted[i] - command[i], -step), step)
-    speed = math.sqrt(command[0] ** 2 + command[1] ** 2 + (_YAW_LEVER * command[2]) ** 2)
+    speed = math.sqrt(command[0] ** 2 + command[1] ** 2 + (tuning.yaw_lever * command[2]) ** 2)
     step = tuning.dt / tuning.ramp_time
     clock[1] = min(max(clock[1] + (step if speed > tuning.deadband else -step), 0.0), 1.0)
     clock[0] = (clock[0] + tuning.frequency * tuning.dt) % 1.0 if clock[1] > 0.0 else 0.0
@@ -151,9 +156,11 @@ def trot_angles(legs, tuning, command, clock, out):
 
 @njit(cache=True)
 def servo_torque(tuning, joint, target, q, dq):
-    """What a joint's servo gives [N m]."""
-    limit = tuning.max_torque[joint % 3]
-    return min(max(tuning.kp * (target - q) - tuning.kd * dq, -limit), limit)
+    """What a joint's servo gives, limited as in the model's actuators [N m]."""
+    k = joint % 3
+    limit, stall, share = tuning.max_torque[k], tuning.stall_torque[k], dq / tuning.no_load_speed[k]
+    torque = min(max(tuning.kp * (target - q) - tuning.kd * dq, -stall * (1.0 + share)), stall * (1.0 - share))
+    return min(max(torque, -limit), limit)
 
 
 @njit(cache=True)
@@ -203,11 +210,12 @@ def _triple(a, b, c):
 
 
 @njit(cache=True)
-def leg_velocity(legs, tuning, gyro, up, q, dq, targets, out):
+def leg_velocity(legs, tuning, gyro, up, q, dq, targets, last_targets, out):
     """The body's velocity as the standing feet give it, along the floor. out: (2,) forward, left [m/s].
 
-    Each foot counts by the cube of the force it carries. The result is in the heading frame: base_link's x axis,
-    levelled.
+    Each foot counts by the cube of the force it carries. Targets reach the servos up to a control step late, so it is
+    not known which ones a measurement was made under: a foot carries what both the present and the last ones say.
+    The result is in the heading frame: base_link's x axis, levelled.
 
     Returns:
         Share of the robot's weight on the feet, at most 1: how much the answer is worth.
@@ -217,8 +225,11 @@ def leg_velocity(legs, tuning, gyro, up, q, dq, targets, out):
     for leg in range(4):
         j = 3 * leg
         for i in range(3):
-            torque[i] = servo_torque(tuning, j + i, targets[j + i], q[j + i], dq[j + i])
+            torque[i] = servo_torque(tuning, j + i, last_targets[j + i], q[j + i], dq[j + i])
         force = foot_motion(legs, leg, q[j : j + 3], dq[j : j + 3], gyro, up, torque, velocity)
+        for i in range(3):
+            torque[i] = servo_torque(tuning, j + i, targets[j + i], q[j + i], dq[j + i])
+        force = min(force, foot_motion(legs, leg, q[j : j + 3], dq[j : j + 3], gyro, up, torque, velocity))
         # Below a tenth of the weight a foot may be swinging: its leg's inertia looks like that much force. The cube
         # leaves little to feet just set down or about to lift off, which carry some weight but do not stand.
         share = min(max(force / tuning.weight - 0.1, 0.0), 0.5)
@@ -233,8 +244,8 @@ def leg_velocity(legs, tuning, gyro, up, q, dq, targets, out):
     level_velocity(up, v0 / total, v1 / total, v2 / total, out)
     yaw_rate = gyro[0] * up[0] + gyro[1] * up[1] + gyro[2] * up[2]
     forward, left = out[0], out[1]
-    out[0] = forward + SIDE_SLIP * yaw_rate * left
-    out[1] = left - SIDE_SLIP * yaw_rate * forward
+    out[0] = forward + tuning.side_slip * yaw_rate * left
+    out[1] = left - tuning.side_slip * yaw_rate * forward
     return min(carried, 1.0)
 
 

@@ -11,7 +11,16 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 
 from robots.locomotion.config import QuadrupedConfig
-from robots.locomotion.kernels import ACTION_SIZE, OBSERVATION_SIZE
+from robots.locomotion.kernels import (
+    ACTION_SIZE,
+    GYRO_SCALE,
+    OBSERVATION_SIZE,
+    RATE_SCALE,
+    TRIM_LIMIT,
+    TRIM_RATE,
+    TURN_TRIM_LIMIT,
+)
+from robots.locomotion.odometry import VELOCITY_GAIN
 from vuca_nav.errors import VucaError
 
 FORMAT = "vuca-gait-1"
@@ -33,7 +42,14 @@ class BadObservation(VucaError):
 
 def gait_contract(config: QuadrupedConfig) -> str:
     """What a policy was trained around, and must be run around: as text, for the weights' metadata."""
-    gait = {"kp": config.kp, "kd": config.kd, "action_scale": config.action_scale, **asdict(config.trot)}
+    spec = config.spec
+    gait = {
+        "kp": config.kp, "kd": config.kd, "action_scale": config.action_scale, "control_rate": config.control_rate,
+        "slew": (spec.max_a_x, spec.max_a_y, spec.max_a_w), "side_slip": config.side_slip,
+        "yaw_lever": config.yaw_lever, "velocity_gain": VELOCITY_GAIN, "trim_rate": TRIM_RATE,
+        "trim_limits": (TRIM_LIMIT, TRIM_LIMIT, TURN_TRIM_LIMIT), "rate_scale": RATE_SCALE, "gyro_scale": GYRO_SCALE,
+        **asdict(config.trot),
+    }  # fmt: skip
     return json.dumps(gait, sort_keys=True)
 
 

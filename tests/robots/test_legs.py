@@ -88,8 +88,27 @@ def test_force_on_a_foot_from_its_torques(model):
 def test_feet_in_the_air_tell_nothing(model):
     tuning = model.tuning(CONTROL_DT)
     q = tuning.nominal
-    worth = leg_velocity(model.legs, tuning, np.zeros(3), UP, q, np.ones(12), q, np.empty(2))
+    worth = leg_velocity(model.legs, tuning, np.zeros(3), UP, q, np.ones(12), q, q, np.empty(2))
     assert worth < 0.1
+
+
+def test_a_foot_counts_only_if_present_and_last_targets_say_that_it_carries(model):
+    """Three legs stand still, the fourth swings: whichever targets its servos follow yet, it has no say."""
+    tuning = model.tuning(CONTROL_DT)
+    q, limp, dq = np.empty(12), tuning.nominal.copy(), np.zeros(12)
+    for leg in range(4):
+        hip = model.legs.hips[leg]
+        y = hip[1] + model.legs.offsets[leg]
+        leg_angles(model.legs, leg, hip[0], y, model.legs.foot_radius - tuning.hip_height, q[3 * leg : 3 * leg + 3])
+    limp[:3], dq[:3] = q[:3], (0.5, 0.5, 0.0)
+    told = {}
+    for name, now, last in (("both", tuning.nominal, tuning.nominal), ("now", limp, tuning.nominal),
+                            ("last", tuning.nominal, limp)):  # fmt: skip
+        told[name] = np.empty(2)
+        assert leg_velocity(model.legs, tuning, np.zeros(3), UP, q, dq, now, last, told[name]) > 0.4
+    assert abs(told["both"]).min() > 0.01
+    assert told["now"] == pytest.approx([0.0, 0.0], abs=1e-12)
+    assert told["last"] == pytest.approx([0.0, 0.0], abs=1e-12)
 
 
 def test_standing_feet_carry_the_weight(model):

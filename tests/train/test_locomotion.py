@@ -1,5 +1,5 @@
+import copy
 import dataclasses
-import json
 import math
 
 import numpy as np
@@ -7,27 +7,27 @@ import pytest
 import torch
 
 from robots.go2 import GO2
-from robots.locomotion.kernels import ACTION_SIZE, OBSERVATION_SIZE, fill_observation, trot_angles
+from robots.locomotion.kernels import (
+    ACTION_SIZE,
+    GYRO_SCALE,
+    OBSERVATION_SIZE,
+    RATE_SCALE,
+    fill_observation,
+    trot_angles,
+)
 from robots.locomotion.model import QuadrupedModel
-from robots.locomotion.network import load_policy
+from robots.locomotion.odometry import LegSensors
+from robots.noise import NoiseConfig
+from train.locomotion.batch import Batch, SensorNoise
 from train.locomotion.curves import read_log
 from train.locomotion.environment import EnvironmentConfig, LocomotionEnvironment
 from train.locomotion.evaluate import CONTROL, prepare_out, tracking_errors
-from train.locomotion.kernels import CRITIC_SIZE, NUM_UNIFORM, REWARDS, Batch, _reset
+from train.locomotion.kernels import CRITIC_SIZE, NUM_NORMAL, NUM_UNIFORM, REWARDS, _reset
 from train.locomotion.policy import Normaliser, action_mirror, observation_mirror, privileged_mirror
-from train.locomotion.ppo import PpoConfig
-from train.locomotion.run import Stage, Training, TrainingConfig
-from vuca_nav.cli import main
 from vuca_nav.errors import BadArgument
 from vuca_nav.types import VelocityCommand
 
 SMALL = EnvironmentConfig(num_robots=8)
-STAGES = (Stage(0.0, 120, 0, 0.0), Stage(0.5, 120, 2, 1.0))
-
-
-def tiny(minutes):
-    ppo = PpoConfig(horizon=4, epochs=1, minibatches=2)
-    return TrainingConfig(seed=1, minutes=minutes, threads=1, environment=SMALL, ppo=ppo, stages=STAGES)
 
 
 @pytest.mark.parametrize(
@@ -106,40 +106,6 @@ def test_a_robot_on_its_back_has_fallen_and_starts_anew():
     assert environment.batch.state[3, 4] ** 2 + environment.batch.state[3, 7] ** 2 == pytest.approx(1.0)
 
 
-def test_training_writes_weights_that_a_mission_loads_and_goes_on(tmp_path):
-    training = Training(GO2, tiny(0.04), tmp_path)
-    training.run()
-    policy = load_policy(GO2, tmp_path / GO2.weights)
-    observation = np.random.default_rng(0).normal(size=OBSERVATION_SIZE)
-    action = np.empty(ACTION_SIZE)
-    policy(observation, action)
-    learner = training.learner
-    with torch.no_grad():
-        expected = learner.network.layers(learner.see(torch.tensor(observation, dtype=torch.float32)))
-    assert action == pytest.approx(expected.numpy(), abs=1e-4)
-    rows = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
-    assert len(rows) == learner.iteration > 2
-    assert rows[-1]["roughness"] > 0.0
-    assert (tmp_path / "curves.png").stat().st_size > 1000
-
-    with pytest.raises(BadArgument, match="--resume"):
-        Training(GO2, tiny(0.04), tmp_path)
-    longer = Training(GO2, tiny(0.06), tmp_path, resume=True)
-    assert longer.learner.iteration == learner.iteration
-    assert longer.elapsed == training.elapsed
-    longer.run()
-    assert longer.learner.iteration > learner.iteration
-
-
-def test_a_run_of_another_robot_is_not_gone_on_with(tmp_path):
-    Training(GO2, tiny(0.01), tmp_path).run()
-    other = dataclasses.replace(GO2, spec=dataclasses.replace(GO2.spec, name="other"))
-    with pytest.raises(BadArgument, match="'go2', not of 'other'"):
-        Training(other, tiny(0.02), tmp_path, resume=True)
-    with pytest.raises(BadArgument, match=r"there is no .*checkpoint.pt"):
-        Training(GO2, tiny(0.02), tmp_path / "empty", resume=True)
-
-
 def test_a_lost_state_or_action_ends_the_episode():
     environment = LocomotionEnvironment(GO2, SMALL, np.random.default_rng(0))
     zeros = np.zeros((8, ACTION_SIZE), np.float32)
@@ -157,20 +123,82 @@ def test_a_lost_state_or_action_ends_the_episode():
 
 def test_encoder_errors_are_drawn_apart_from_all_else():
     tuning = QuadrupedModel(GO2).tuning(1.0 / 60.0)
+    noise = SensorNoise.of(NoiseConfig(), 1.0 / 60.0, 1.0)
     batch = Batch.zeros(1, 38)
     high = np.ones(3)
-    u = np.random.default_rng(0).random(NUM_UNIFORM)
-    _reset(tuning, batch, 0, u, -high, high)
-    bias, start, wanted = batch.joint_bias.copy(), batch.state.copy(), batch.wanted.copy()
-    u[-12:] = np.random.default_rng(1).random(12)
-    _reset(tuning, batch, 0, u, -high, high)
-    assert (batch.joint_bias != bias).all()
+    u, g = np.random.default_rng(0).random(NUM_UNIFORM), np.random.default_rng(1).normal(size=NUM_NORMAL)
+    _reset(tuning, noise, batch, 0, u, g, -high, high)
+    errors, start, wanted = batch.sensor_errors.copy(), batch.state.copy(), batch.wanted.copy()
+    g[:] = np.random.default_rng(2).normal(size=NUM_NORMAL)
+    _reset(tuning, noise, batch, 0, u, g, -high, high)
+    assert (batch.sensor_errors != errors).all()
     assert (batch.state == start).all()
     assert (batch.wanted == wanted).all()
-    bias[:] = batch.joint_bias
-    u[:-12] = np.random.default_rng(2).random(NUM_UNIFORM - 12)
-    _reset(tuning, batch, 0, u, -high, high)
-    assert (batch.joint_bias == bias).all()
+    errors[:] = batch.sensor_errors
+    u[:] = np.random.default_rng(3).random(NUM_UNIFORM)
+    _reset(tuning, noise, batch, 0, u, g, -high, high)
+    assert (batch.sensor_errors == errors).all()
+
+
+def test_training_measures_with_the_simulations_noise():
+    """What robots.locomotion.odometry.LegSensors makes of the same state, noise-free but for the episode's errors."""
+    config = dataclasses.replace(NoiseConfig(), gyro_noise_density=0.0, joint_angle_noise=0.0, joint_speed_noise=0.0)
+    config = dataclasses.replace(config, tilt_noise=0.0)
+    environment = LocomotionEnvironment(
+        GO2, dataclasses.replace(SMALL, noise=config, noise_factor=1.0), np.random.default_rng(0)
+    )
+    zeros = np.zeros((8, ACTION_SIZE), np.float32)
+    for _ in range(10):
+        step = environment.step(zeros)
+    state, errors = environment.batch.state[0], environment.batch.sensor_errors[0]
+    sensors = LegSensors(config, np.random.default_rng(0), 1.0 / 60.0)
+    sensors._gyro_scale, sensors._gyro_bias = 1.0 + errors[:3], errors[3:6]
+    sensors._tilt, sensors._zeros = errors[6:8], errors[8:]
+    sensors.sample(state[23:26], state[4:8], state[8:20], state[26:38])
+    assert step.observation[0, :3] == pytest.approx(GYRO_SCALE * sensors.gyro, abs=1e-6)
+    assert step.observation[0, 3:6] == pytest.approx(sensors.up, abs=1e-6)
+    assert step.observation[0, 9:21] == pytest.approx(sensors.q - environment.tuning.nominal, abs=1e-6)
+    assert step.observation[0, 21:33] == pytest.approx(RATE_SCALE * sensors.dq, abs=1e-6)
+
+
+def test_a_new_floor_comes_with_a_new_episode():
+    environment = LocomotionEnvironment(GO2, SMALL, np.random.default_rng(0))
+    zeros = np.zeros((8, ACTION_SIZE), np.float32)
+    environment.step(zeros)
+    environment.step(zeros)
+    before = [model.body_mass.copy() for model in environment._models]
+    environment.new_floors(0.5)
+    step = environment.step(zeros)
+    fresh = [bool((model.body_mass != mass).any()) for model, mass in zip(environment._models, before)]
+    assert fresh == step.truncated.tolist()
+    assert 0 < sum(fresh) < 8
+    assert (environment.batch.age == 0).tolist() == fresh
+
+
+def test_an_environment_goes_on_from_its_state_bit_by_bit():
+    """On rough floors drawn anew several times: nothing may stay of what was there before."""
+    action = np.random.default_rng(5).normal(0.0, 0.3, (8, ACTION_SIZE)).astype(np.float32)
+    config = dataclasses.replace(SMALL, num_sills=6)
+
+    def make(rng, threads):
+        environment = LocomotionEnvironment(GO2, config, rng, threads)
+        environment.difficulty = environment.roughness = 1.0
+        return environment
+
+    rng, other_rng = np.random.default_rng(0), np.random.default_rng(99)
+    first, second = make(rng, 1), make(other_rng, 2)
+    for _ in range(4):
+        first.new_floors(0.5)
+        for _ in range(15):
+            first.step(action)
+    first.new_floors(0.5)
+    state, generator = copy.deepcopy(first.state()), copy.deepcopy(rng.bit_generator.state)
+    second.load(state)
+    other_rng.bit_generator.state = generator
+    for _ in range(60):
+        here = first.step(action).observation.copy()
+        there = second.step(action).observation
+        assert here.tobytes() == there.tobytes()
 
 
 def test_after_a_fall_it_counts_as_standing_still():
@@ -197,73 +225,3 @@ def test_a_torn_last_line_of_the_log_is_left_out(tmp_path):
     log = tmp_path / "log.jsonl"
     log.write_text('{"iteration": 1}\n{"iteration": 2}\n{"itera')
     assert [row["iteration"] for row in read_log(log)] == [1, 2]
-
-
-def test_a_killed_run_is_gone_on_with_from_its_checkpoint(tmp_path):
-    killed = Training(GO2, tiny(0.01), tmp_path)
-    killed.run()
-    done = killed.learner.iteration
-    with (tmp_path / "log.jsonl").open("a") as log:
-        log.write(json.dumps({"iteration": done + 1, "seconds": 9.0}) + '\n{"iter')
-    Training(GO2, tiny(0.02), tmp_path, resume=True)
-    lines = (tmp_path / "log.jsonl").read_text().splitlines()
-    assert [json.loads(line)["iteration"] for line in lines] == list(range(1, done + 1))
-
-    for other, key in (
-        (dataclasses.replace(tiny(0.02), seed=2), "seed"),
-        (dataclasses.replace(tiny(0.02), ppo=PpoConfig(hidden=64)), "ppo"),
-    ):
-        with pytest.raises(BadArgument, match=f"is a run of {key} "):
-            Training(GO2, other, tmp_path, resume=True)
-    stiffer = dataclasses.replace(GO2, kp=50.0)
-    with pytest.raises(BadArgument, match="is a run of gait "):
-        Training(stiffer, tiny(0.02), tmp_path, resume=True)
-
-    state = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
-    state["learner"]["actor"]["layers.0.bias"] = torch.zeros(3)
-    torch.save(state, tmp_path / "checkpoint.pt")
-    with pytest.raises(BadArgument, match="does not fit"):
-        Training(GO2, tiny(0.02), tmp_path, resume=True)
-    (tmp_path / "checkpoint.pt").write_bytes(b"broken")
-    with pytest.raises(BadArgument, match="can be read"):
-        Training(GO2, tiny(0.02), tmp_path, resume=True)
-
-
-def test_an_interrupted_run_is_saved(tmp_path, monkeypatch):
-    training = Training(GO2, tiny(1.0), tmp_path)
-    iterate = training.learner.iterate
-
-    def interrupted(progress):
-        if training.learner.iteration == 2:
-            raise KeyboardInterrupt
-        return iterate(progress)
-
-    monkeypatch.setattr(training.learner, "iterate", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        training.run()
-    assert torch.load(tmp_path / "checkpoint.pt", weights_only=True)["learner"]["iteration"] == 2
-
-
-@pytest.mark.parametrize(
-    "bad", ["--minutes nan", "--minutes inf", "--minutes=-1", "--threads 0", "--seed=-1", "--robot tiago", "--resume"]
-)
-def test_bad_arguments_are_one_line(tmp_path, monkeypatch, capsys, bad):
-    monkeypatch.chdir(tmp_path)
-    assert main(["train", "locomotion", *bad.split()]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
-
-
-def test_without_out_a_run_goes_to_runs(tmp_path, monkeypatch):
-    class Run:
-        robot = GO2
-
-        def __init__(self, robot, config, out, *, resume):
-            self.out = out
-
-        def run(self):
-            self.out.mkdir(parents=True)
-
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("train.locomotion.run.Training", Run)
-    assert main(["train", "locomotion", "--robot", "go2"]) == 0
-    assert (tmp_path / "runs" / "go2").is_dir()

@@ -24,7 +24,7 @@ def read_log(log: Path) -> list[dict[str, float]]:
 
 
 def draw_curves(log: Path, picture: Path) -> None:
-    """Draw a run's log over its minutes.
+    """Draw a run's log over its control steps.
 
     Args:
         log: JSON lines as a run writes them.
@@ -36,13 +36,13 @@ def draw_curves(log: Path, picture: Path) -> None:
     import matplotlib.pyplot as plt
 
     rows = read_log(log)
-    minutes = np.array([row["seconds"] for row in rows]) / 60.0
+    millions = np.array([row["steps"] for row in rows]) / 1e6
     figure, axes = plt.subplots(1, len(_PANELS), figsize=(4 * len(_PANELS), 3), layout="constrained")
     for axis, (title, keys) in zip(axes, _PANELS):
         for key in keys:
-            axis.plot(minutes, [row[key] for row in rows], lw=1, label=key.rpartition("/")[2])
+            axis.plot(millions, [row[key] for row in rows], lw=1, label=key.rpartition("/")[2])
         axis.set_title(title, fontsize=9)
-        axis.set_xlabel("minutes")
+        axis.set_xlabel("million control steps")
         axis.set_ylim(bottom=0)
         axis.grid(alpha=0.3)
         if len(keys) > 1:

@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 from robots.locomotion.config import LEGS, QuadrupedConfig
 from robots.locomotion.kernels import ACTION_SIZE, OBSERVATION_SIZE
 from robots.locomotion.model import GRAVITY, QuadrupedModel
-from train.locomotion.kernels import CRITIC_SIZE, NUM_NORMAL, NUM_UNIFORM, REWARDS, Batch, step_kernel
-from train.locomotion.randomise import SILL_DEPTH, SILL_HALF_HEIGHT, SILL_SPACING, SILL_TOP, Randomisation, randomise
-from worlds.mjcf import TOUCHES_FLOOR, RootElement
+from robots.noise import NoiseConfig
+from train.locomotion.batch import Batch, SensorNoise
+from train.locomotion.floors import Floor, compile_model
+from train.locomotion.kernels import CRITIC_SIZE, NUM_NORMAL, NUM_UNIFORM, REWARDS, go_on, judge
+from train.locomotion.randomise import Randomisation, randomise
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,14 +35,16 @@ class EnvironmentConfig:
     """[s]"""
     command_range: tuple[float, float, float, float, float, float] = (-0.7, 1.35, -0.5, 0.5, -1.4, 1.4)
     """Lowest and highest v_x, v_y [m/s] and w_z [rad/s]: beyond what is commanded by what the trim may add."""
-    push_speed: float = 0.7
+    push_speed: float = 0.9
     """Largest sudden change of velocity [m/s]."""
     push_interval: float = 3.0
     """Mean time between pushes [s]."""
     num_sills: int = 0
     """Bars on each robot's floor."""
     randomisation: Randomisation = field(default_factory=Randomisation)
-    threads: int = 1
+    noise: NoiseConfig = field(default_factory=NoiseConfig)
+    noise_factor: float = 1.5
+    """So many times that noise is trained with: no robot's is known better."""
 
 
 class Transition(NamedTuple):
@@ -61,15 +65,18 @@ class Transition(NamedTuple):
 class LocomotionEnvironment:
     """A batch of one kind of robot."""
 
-    def __init__(self, robot: QuadrupedConfig, config: EnvironmentConfig, rng: np.random.Generator):
+    def __init__(self, robot: QuadrupedConfig, config: EnvironmentConfig, rng: np.random.Generator, threads: int = 1):
         self.config, self._rng = config, rng
         self.model = QuadrupedModel(robot)
         self.tuning = self.model.tuning(1.0 / config.control)
-        self._base = compile_training_model(self.model, config.physics, config.num_sills)
+        floor = Floor.for_training(config.num_sills)
+        # Targets are late here too, but by steps of the physics, which the batch counts: faster than MuJoCo's history.
+        self._base = compile_model(self.model, config.physics, floor, touch=True, delayed=False)
+        self._base.opt.iterations, self._base.opt.ls_iterations = 6, 8
         n = config.num_robots
         self._models = [copy.copy(self._base) for _ in range(n)]
-        self._datas = [mujoco.MjData(self._base) for _ in range(config.threads)]
-        self._pool = rollout.Rollout(nthread=config.threads if config.threads > 1 else 0)
+        self._datas = [mujoco.MjData(self._base) for _ in range(threads)]
+        self._pool = rollout.Rollout(nthread=threads if threads > 1 else 0)
         size = mujoco.mj_stateSize(self._base, mujoco.mjtState.mjSTATE_FULLPHYSICS)
         self._substeps = config.physics // config.control
         self._states = np.zeros((n, self._substeps, size))
@@ -78,6 +85,9 @@ class LocomotionEnvironment:
         self._touch = np.array([int(self._base.sensor(f"{robot.spec.name}/{leg}_touch").adr[0]) for leg in LEGS])
         self._uniform, self._normal = np.empty((n, NUM_UNIFORM)), np.empty((n, NUM_NORMAL))
         self.batch = Batch.zeros(n, size)
+        self._noise = SensorNoise.of(config.noise, 1.0 / config.control, config.noise_factor)
+        self._body_seeds, self._body_roughness = np.zeros(n, np.int64), np.zeros(n)
+        self._due = np.zeros(n, np.bool_)
         self.difficulty = 0.0
         """0-1: how far the command range has been opened."""
         self.roughness = 0.0
@@ -87,18 +97,27 @@ class LocomotionEnvironment:
         self._reward = np.zeros(n, np.float32)
         self._terminated, self._truncated = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
         # Where a robot's place is taken modulo this, the floor is level: it always has the same sills around it.
-        self._wrap = 0.5 * config.num_sills * SILL_SPACING + 0.5 if config.num_sills else 50.0
+        self._wrap = 0.5 * floor.length if config.num_sills else 50.0
         self._terms = np.zeros((n, len(REWARDS)))
-        self.new_floors()
+        self._draw_bodies(np.arange(n))
 
-    def new_floors(self, share: float = 1.0) -> None:
-        """Draw new bodies and floors for a share of the robots; they start a new episode."""
-        chosen = np.flatnonzero(self._rng.random(self.config.num_robots) < share)
-        for i in chosen:
-            randomise(self._models[i], self._base, self.config.randomisation, self._rng, self.roughness)
-            self.batch.up_world[i] = -self._models[i].opt.gravity / GRAVITY
-        self.batch.must_reset[chosen] = True
+    def new_floors(self, share: float) -> None:
+        """End the episodes of a share of the robots with the next step; then they get new bodies and floors."""
+        self._due |= self._rng.random(self.config.num_robots) < share
+        self.batch.must_reset[self._due] = True
+
+    def _draw_bodies(self, chosen: NDArray[np.intp]) -> None:
+        self._body_seeds[chosen] = self._rng.integers(2**63, size=len(chosen))
+        self._body_roughness[chosen] = self.roughness
         self.batch.delay[chosen] = self._rng.integers(0, self._substeps + 1, len(chosen))
+        self._make_bodies(chosen)
+
+    def _make_bodies(self, chosen: NDArray[np.intp]) -> None:
+        """From their seeds, so that a checkpoint need not hold the models."""
+        for i in chosen.tolist():
+            rng, roughness = np.random.default_rng(int(self._body_seeds[i])), float(self._body_roughness[i])
+            randomise(self._models[i], self._base, self._datas[0], self.config.randomisation, rng, roughness)
+            self.batch.up_world[i] = -self._models[i].opt.gravity / GRAVITY
 
     def step(self, action: NDArray[np.float32]) -> Transition:
         """One control step of all robots. action: (n, ACTION_SIZE)."""
@@ -111,34 +130,39 @@ class LocomotionEnvironment:
             self._models, self._datas, batch.state, self._control, nstep=self._substeps, skip_checks=True,
             state=self._states, sensordata=self._sensors,
         )  # fmt: skip
+        sensors = self._sensors[:, -1]
+        judge(
+            self.model.legs, self.tuning, batch, self._states[:, -1], sensors, self._touch,
+            round(config.episode * config.control), self._reward, self._terminated, self._truncated, self._terms,
+        )  # fmt: skip
+        if self._due.any():  # their episodes are over now, their next ones not yet begun
+            self._draw_bodies(np.flatnonzero(self._due))
+            self._due[:] = False
         low = np.array(config.command_range[0::2]) * self.difficulty
         high = np.array(config.command_range[1::2]) * self.difficulty
-        step_kernel(
-            self.model.legs, self.tuning, batch, self._states[:, -1], self._sensors[:, -1], self._touch,
+        go_on(
+            self.model.legs, self.tuning, self._noise, batch, self._terminated | self._truncated, sensors, self._touch,
             self._uniform, self._normal, low, high, config.push_speed * self.difficulty, config.push_interval,
-            round(config.episode * config.control), self._wrap, self._observation, self._privileged, self._reward,
-            self._terminated, self._truncated, self._terms,
+            self._wrap, self._observation, self._privileged,
         )  # fmt: skip
         return Transition(self._observation, self._privileged, self._reward, self._terminated, self._truncated)
+
+    def state(self) -> dict[str, NDArray]:
+        """All that changes from step to step but the generator of random numbers; borrowed."""
+        own = {"body_seeds": self._body_seeds, "body_roughness": self._body_roughness, "due": self._due}
+        return own | self.batch._asdict()
+
+    def load(self, state: dict[str, NDArray]) -> None:
+        """Go on from such a state of an environment of the same robot and config.
+
+        Raises:
+            KeyError: If something is missing.
+            ValueError: If it is of another number of robots.
+        """
+        for key, array in self.state().items():
+            array[:] = state[key]
+        self._make_bodies(np.arange(self.config.num_robots))
 
     def reward_terms(self) -> dict[str, float]:
         """Mean of each part of the reward in the last step."""
         return dict(zip(REWARDS, self._terms.mean(axis=0).tolist()))
-
-
-def compile_training_model(model: QuadrupedModel, physics: int, num_sills: int) -> mujoco.MjModel:
-    """The robot, free to move, on a floor with bars sunk into it."""
-    arena = RootElement(model="floor")
-    arena.worldbody.add("geom", name="floor", type="plane", size=(0, 0, 1), contype=0, conaffinity=TOUCHES_FLOOR)
-    sills = arena.worldbody.add("body", name="sills")
-    for k in range(num_sills):
-        sills.add(
-            "geom", name=f"sill_{k}", type="box", size=(SILL_DEPTH / 2.0, 4.0, SILL_HALF_HEIGHT), contype=0,
-            conaffinity=TOUCHES_FLOOR, pos=((k - 0.5 * (num_sills - 1)) * SILL_SPACING, 0, SILL_TOP - SILL_HALF_HEIGHT),
-        )  # fmt: skip
-    arena.attach(model.mjcf(touch=True)).add("freejoint")
-    option = arena.option
-    option.flag.autoreset = "disable"  # a robot whose state is lost must be seen to be, not start anew unnoticed
-    option.timestep = 1.0 / physics
-    option.iterations, option.ls_iterations = 6, 8
-    return mujoco.MjModel.from_xml_string(arena.to_xml_string())

@@ -24,16 +24,20 @@ from tqdm import tqdm
 
 from robots.kinematics import planar_pose
 from robots.locomotion.body import Quadruped
-from robots.locomotion.model import QuadrupedModel
 from robots.noise import NoiseConfig
 from robots.registry import find_quadruped
-from train.locomotion.environment import compile_training_model
-from train.locomotion.randomise import SILL_SPACING, Randomisation, randomise
+from train.locomotion.floors import SILL_DEPTH, Floor, compile_model
+from train.locomotion.randomise import Randomisation, randomise_robot
 from vuca_nav.errors import BadArgument, VucaError
 from vuca_nav.types import STOP, FloatArray, Pose2, VelocityCommand
 
 CONTROL, PHYSICS = 60, 300
 """As in robots.simulation [Hz]."""
+SILL, SLOPE = 0.04, 0.10
+"""Highest bars [m] and steepest ramps of the rough floor."""
+_NUM_SILLS = 40
+_REACH = 2.0
+"""A robot farther from the middle of the bars is put back, alongside them [m]."""
 
 
 class Track:
@@ -41,30 +45,35 @@ class Track:
 
     Args:
         body: The robot.
-        seed: Of its sensors' errors, its variation and its floor.
-        vary: Friction, mass, motors and so on as in training; else as built.
-        roughness: 0 flat, 1 sills of up to 4.5 cm and slopes of up to 11%; only of a varied robot.
+        seed: Of its sensors' errors and its variation.
+        vary: Friction, mass, motors, latency and so on as in training; else as built.
+        floor: By default flat.
     """
 
-    def __init__(self, body: Quadruped, seed: int, *, vary: bool, roughness: float = 0.0):
+    def __init__(self, body: Quadruped, seed: int, *, vary: bool, floor: Floor | None = None):
         self._body, self._rng = body, np.random.default_rng(seed)
-        num_sills = 40 if roughness else 0
-        base = compile_training_model(QuadrupedModel(body.config), PHYSICS, num_sills)
+        self._floor = floor or Floor()
+        base = compile_model(body.model, PHYSICS, self._floor)
         base.opt.iterations, base.opt.ls_iterations = 10, 10
-        self.model = copy.copy(base)
+        self.model, self.data = copy.copy(base), mujoco.MjData(base)
         if vary:
-            randomise(self.model, base, Randomisation(), self._rng, roughness)
-        self.data = mujoco.MjData(self.model)
+            randomise_robot(self.model, base, self.data, Randomisation(), self._rng)
+            self.model.actuator_delay[:] = self._rng.uniform(0.0, 1.0 / CONTROL)
+        self._tilt, self._world_from_floor = self._floor.quaternion(), np.empty(9)
+        mujoco.mju_quat2Mat(self._world_from_floor, self._tilt)
         joint = int(self.model.jnt_qposadr[0])
         self._qpos, self._qvel = self.data.qpos[joint : joint + 7], self.data.qvel[:6]
         self._bound = body.bind(self.model, self.data, 1.0 / CONTROL, NoiseConfig())
-        self._half = 0.5 * num_sills * SILL_SPACING
         self.restart()
 
     def restart(self) -> None:
         """Lie down, stand up."""
         mujoco.mj_resetData(self.model, self.data)
         self._bound.reset(Pose2(0.0, 0.0, self._rng.uniform(-math.pi, math.pi)), self._rng)
+        height = self._qpos[2] + max(self._floor.tops, default=0.0)
+        self._qpos[:3] = height * self._world_from_floor[2::3]
+        mujoco.mju_mulQuat(self._qpos[3:7], self._tilt, self._qpos[3:7].copy())
+        mujoco.mj_forward(self.model, self.data)
         for _ in range(round(self._body.settle_time * CONTROL)):
             self.step(STOP)
         self._bound.start_odometry()
@@ -74,8 +83,8 @@ class Track:
         self._bound.apply(command)
         mujoco.mj_step(self.model, self.data, nstep=PHYSICS // CONTROL)
         self._bound.update_odometry()
-        if self._half and abs(self._qpos[0]) > self._half + 0.5:
-            self._qpos[0] -= math.copysign(2.0 * self._half + 1.0, self._qpos[0])
+        if self._floor.tops:
+            self._put_back()
         _, _, yaw = planar_pose(self._qpos)
         c, s = math.cos(yaw), math.sin(yaw)
         v_x, v_y = self._qvel[0], self._qvel[1]
@@ -91,8 +100,16 @@ class Track:
 
     @property
     def fallen(self) -> bool:
-        """Whether it lies."""
-        return self._bound.has_fallen()
+        """Whether it leans by more than 50 degrees, has given up, or its trunk is near the floor."""
+        return self._bound.has_fallen_at(float(self._world_from_floor[2::3] @ self._qpos[:3]))
+
+    def _put_back(self) -> None:
+        """Where the floor is the same, so that it never ends."""
+        for axis, reach in ((0, 0.5 * self._floor.length), (1, _REACH)):
+            along = self._world_from_floor[axis::3]
+            place = along @ self._qpos[:3]
+            if abs(place) > reach:
+                self._qpos[:3] -= math.copysign(2.0 * reach, place) * along
 
 
 def grid() -> list[VelocityCommand]:
@@ -143,13 +160,23 @@ def tracking_errors(rows: list[tuple[float, float, float]], command: VelocityCom
     return velocities[CONTROL:] - command
 
 
-def count_falls(body: Quadruped, minutes: float, *, roughness: float, push_every: float = 5.0, seed: int = 0) -> int:
+def rough_floor(minute: int, rng: np.random.Generator) -> Floor:
+    """Bars of 2-4 cm, each second one of the full 4 cm; a slope of up to 10%, each third minute the full 10%."""
+    slope = SLOPE if minute % 3 == 0 else rng.uniform(0.0, SLOPE)
+    tops = rng.uniform(0.5 * SILL, SILL, _NUM_SILLS)
+    tops[::2] = SILL
+    depths = rng.uniform(0.1 * SILL_DEPTH, SILL_DEPTH, _NUM_SILLS)
+    return Floor(float(slope), rng.uniform(-math.pi, math.pi), tuple(tops.tolist()), tuple(depths.tolist()))
+
+
+def count_falls(body: Quadruped, minutes: float, *, rough: bool, push_every: float = 5.0, seed: int = 0) -> int:
     """Falls in so many minutes of random commands with pushes of 0.5 m/s, a new robot and floor each minute."""
     falls = 0
     low, high = np.array([-0.6, -0.4, -1.2]), np.array([1.2, 0.4, 1.2])
     for minute in tqdm(range(math.ceil(minutes)), desc="falls", unit="min", file=sys.stderr):
         rng = np.random.default_rng((seed, minute, 7))
-        track = Track(body, 100_000 + 1000 * seed + minute, vary=True, roughness=roughness)
+        floor = rough_floor(minute, rng) if rough else Floor()
+        track = Track(body, 100_000 + 1000 * seed + minute, vary=True, floor=floor)
         command = STOP
         for tick in range(60 * CONTROL):
             if tick % (3 * CONTROL) == 0:
@@ -219,8 +246,8 @@ def main() -> None:
         results[name] = asdict(track_grid(body, push_every=push, seed=arguments.seed))
         print(name, json.dumps(results[name]), flush=True)
     if arguments.minutes > 0.0:
-        for name, roughness in (("falls_flat", 0.0), ("falls_rough", 0.9)):
-            results[name] = count_falls(body, arguments.minutes, roughness=roughness, seed=arguments.seed)
+        for name, rough in (("falls_flat", False), ("falls_rough", True)):
+            results[name] = count_falls(body, arguments.minutes, rough=rough, seed=arguments.seed)
             print(name, results[name], flush=True)
     print(json.dumps(results))
     if arguments.out is not None:

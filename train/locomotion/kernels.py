@@ -1,7 +1,6 @@
-"""One control step of a batch after the physics: reward, end of episode, reset, and the next observation."""
+"""One control step of a batch after the physics: reward and end of episode, then reset and the next observation."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -12,89 +11,34 @@ from robots.locomotion.kernels import (
     advance_clock,
     fill_observation,
     foot_motion,
-    joint_targets,
     leg_phase,
     leg_velocity,
     level_velocity,
     servo_torque,
 )
 from robots.locomotion.odometry import VELOCITY_GAIN
+from train.locomotion.batch import NUM_ERRORS
 
 CRITIC_SIZE = OBSERVATION_SIZE + 11
 """Observation, then velocity 3, height, contacts 4, slow tracking error 3."""
-NUM_UNIFORM = 38
-"""A reset takes 26 and one for each encoder."""
-NUM_NORMAL = 30
+NUM_UNIFORM = 26
+"""A reset takes so many."""
+NUM_NORMAL = 49
+"""A sample of the sensors takes 29, their errors of an episode 20."""
 REWARDS = (
     "linear", "linear_fine", "yaw", "yaw_fine", "mean_error", "clock", "alive", "bounce", "roll_pitch_rate", "tilt",
     "height", "torque", "action_rate", "action_jerk", "hips", "slip", "clearance", "stand",
 )  # fmt: skip
 _FALL_UP = 0.5
 """Vertical part of base_link's z axis below which it has fallen: 60 degrees."""
-_FALL_HEIGHT = 0.13
-"""Of base_link [m]."""
 _CONTACT = 2.0
 """Force that counts as contact [N]."""
 _MAX_STATE = 1e10
 """Beyond it, as MuJoCo has it, the physics has come apart [any unit]."""
 _SLOW = 0.5
 """Time constant of the slow tracking error [s]."""
-
-
-class Batch(NamedTuple):
-    """What each robot carries from step to step, (n, ...)."""
-
-    state: np.ndarray
-    """MuJoCo's: time, position 19, velocity 18."""
-    action: np.ndarray
-    last_action: np.ndarray
-    older_action: np.ndarray
-    targets: np.ndarray
-    """Of the joints [rad]."""
-    last_targets: np.ndarray
-    wanted: np.ndarray
-    """Command as drawn (n, 3)."""
-    command: np.ndarray
-    """After the slew limit (n, 3)."""
-    clock: np.ndarray
-    velocity: np.ndarray
-    """As the robot estimates it (n, 2) [m/s]."""
-    slow_error: np.ndarray
-    """Low-passed tracking error (n, 3)."""
-    up_world: np.ndarray
-    """Against gravity, in the world (n, 3)."""
-    delay: np.ndarray
-    """Physics steps until new targets reach the servos."""
-    age: np.ndarray
-    """Control steps."""
-    until_command: np.ndarray
-    """Control steps."""
-    must_reset: np.ndarray
-    joint_bias: np.ndarray
-    """Of the encoders (n, 12) [rad]."""
-
-    @classmethod
-    def zeros(cls, n: int, state_size: int) -> "Batch":
-        """Robots that will all be reset."""
-        widths = (state_size, *(ACTION_SIZE,) * 5, 3, 3, 2, 2, 3, 3)
-        ints = [np.zeros(n, np.int64) for _ in range(3)]
-        arrays = [np.zeros((n, width)) for width in widths]
-        return cls._make((*arrays, *ints, np.ones(n, np.bool_), np.zeros((n, ACTION_SIZE))))
-
-    def targets_for(self, legs, tuning, control: np.ndarray) -> None:
-        """Joint targets of the actions, each robot's late by its delay. control: (n, substeps, ACTION_SIZE)."""
-        _targets(
-            legs, tuning, self.command, self.clock, self.action, self.targets, self.last_targets, self.delay, control
-        )
-
-
-@njit(cache=True)
-def _targets(legs, tuning, command, clock, action, targets, last_targets, delay, control):
-    for i in range(len(action)):
-        last_targets[i] = targets[i]
-        joint_targets(legs, tuning, command[i], clock[i], action[i], targets[i])
-        for s in range(control.shape[1]):
-            control[i, s] = last_targets[i] if s < delay[i] else targets[i]
+_NUM_SAMPLE = 29
+"""Gyro 3, tilt 2, joint angles 12, joint speeds 12."""
 
 
 @njit(cache=True)
@@ -109,7 +53,7 @@ def _in_base(quaternion, v, out):
 
 @njit(cache=True)
 def _draw_command(u, low, high, out):
-    """A tenth of the commands stand still, three tenths move along one axis only."""
+    """A tenth of the commands stand still, three tenths move along one axis only, a fifth are near a corner."""
     for k in range(3):
         out[k] = low[k] + (high[k] - low[k]) * u[k]
     if u[3] < 0.1:
@@ -119,10 +63,15 @@ def _draw_command(u, low, high, out):
         for k in range(3):
             if k != axis:
                 out[k] = 0.0
+    elif u[3] > 0.8:  # density grows in proportion to the distance from the middle of the range
+        for k in range(3):
+            x = 2.0 * u[k] - 1.0
+            share = 0.5 + 0.5 * math.copysign(math.sqrt(abs(x)), x)
+            out[k] = low[k] + (high[k] - low[k]) * share
 
 
 @njit(cache=True)
-def _reset(tuning, batch, i, u, low, high):
+def _reset(tuning, noise, batch, i, u, g, low, high):
     state = batch.state[i]
     state[:] = 0.0
     yaw = math.pi * (2.0 * u[0] - 1.0)
@@ -145,22 +94,19 @@ def _reset(tuning, batch, i, u, low, high):
     _draw_command(u[21:25], low, high, batch.wanted[i])
     batch.age[i] = 0
     batch.until_command[i] = 60 + int(240.0 * u[25])
-    for j in range(12):
-        batch.joint_bias[i, j] = 0.02 * (2.0 * u[26 + j] - 1.0)
+    for k in range(NUM_ERRORS):
+        sigma = noise.gyro_scale if k < 3 else noise.gyro_bias if k < 6 else noise.tilt if k < 8 else noise.joint_zero
+        batch.sensor_errors[i, k] = sigma * g[_NUM_SAMPLE + k]
 
 
 @njit(cache=True)
-def step_kernel(
-    legs, tuning, batch, states, sensors, touch, uniform, normal, low, high, push_speed, push_interval, episode,
-    wrap, observation, privileged, reward, terminated, truncated, terms,
-):  # fmt: skip
-    """Everything of a control step that is not physics; the batch and the last six arguments are changed."""
+def judge(legs, tuning, batch, states, sensors, touch, episode, reward, terminated, truncated, terms):
+    """Reward and end of a control step whose physics is done; the batch and the last four arguments are changed."""
     up, v_base, position, rolling, planar = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(2)
-    torque, noisy_gyro, noisy_up, q, dq = np.empty(3), np.empty(3), np.empty(3), np.empty(12), np.empty(12)
-    clean = np.empty(OBSERVATION_SIZE)
+    torque = np.empty(3)
     for i in range(len(states)):
         batch.state[i] = states[i]
-        state, u, g = batch.state[i], uniform[i], normal[i]
+        state = batch.state[i]
         command, clock, action = batch.command[i], batch.clock[i], batch.action[i]
         _in_base(state[4:8], batch.up_world[i], up)
         _in_base(state[4:8], state[20:23], v_base)
@@ -188,6 +134,7 @@ def step_kernel(
                 standing += 1.0
         ground = ground / standing if standing > 0.0 else -tuning.hip_height
         height = -ground
+        batch.height[i] = height
         for leg in range(4):
             phase = leg_phase(leg, clock[0])
             if phase >= tuning.duty and clock[1] > 0.5:
@@ -213,8 +160,8 @@ def step_kernel(
                 hips += (tuning.action_scale[j] * action[j]) ** 2
             still += abs(state[8 + j] - tuning.nominal[j]) + 0.05 * abs(state[26 + j])
         t = terms[i]
-        t[0], t[1] = math.exp(-linear2 / 0.25), 1.25 * math.exp(-linear2 / 0.01)
-        t[2], t[3] = 0.5 * math.exp(-e_w * e_w / 0.25), 2.0 * math.exp(-e_w * e_w / 0.02)
+        t[0], t[1] = math.exp(-linear2 / 0.25), 1.25 * math.exp(-linear2 / 0.015)
+        t[2], t[3] = 0.5 * math.exp(-e_w * e_w / 0.25), 2.0 * math.exp(-e_w * e_w / 0.03)
         t[4] = math.exp(-slow2 / 0.01)
         t[5], t[6] = 0.5 * matches / 4.0, 0.3
         t[7], t[8] = -v_up * v_up, -0.05 * (gyro[0] ** 2 + gyro[1] ** 2)
@@ -227,7 +174,7 @@ def step_kernel(
             total += t[k]
         reward[i] = max(total, 0.0) * tuning.dt
 
-        # -- ends and beginnings
+        # -- the end
         batch.age[i] += 1
         finite = True
         for k in range(len(state)):
@@ -236,7 +183,7 @@ def step_kernel(
         for j in range(ACTION_SIZE):
             if not math.isfinite(action[j]):
                 finite = False
-        terminated[i] = not finite or up[2] < _FALL_UP or height < _FALL_HEIGHT
+        terminated[i] = not finite or up[2] < _FALL_UP or height < tuning.fall_height
         truncated[i] = (batch.age[i] >= episode or batch.must_reset[i]) and not terminated[i]
         if not finite:
             reward[i] = 0.0
@@ -244,11 +191,23 @@ def step_kernel(
         batch.must_reset[i] = False
         batch.older_action[i] = batch.last_action[i]
         batch.last_action[i] = action
-        if terminated[i] or truncated[i]:
-            _reset(tuning, batch, i, u, low, high)
-            _in_base(state[4:8], batch.up_world[i], up)
-            _in_base(state[4:8], state[20:23], v_base)
-            height = tuning.hip_height
+
+
+@njit(cache=True)
+def go_on(
+    legs, tuning, noise, batch, done, sensors, touch, uniform, normal, low, high, push_speed, push_interval, wrap,
+    observation, privileged,
+):  # fmt: skip
+    """Beginnings, pushes, new commands, and what the robots now see; batch and the last two arguments are changed."""
+    up, v_base, planar = np.empty(3), np.empty(3), np.empty(2)
+    noisy_gyro, noisy_up, q, dq = np.empty(3), np.empty(3), np.empty(12), np.empty(12)
+    clean = np.empty(OBSERVATION_SIZE)
+    for i in range(len(done)):
+        state, u, g = batch.state[i], uniform[i], normal[i]
+        command, clock, gyro = batch.command[i], batch.clock[i], state[23:26]
+        if done[i]:
+            _reset(tuning, noise, batch, i, u, g, low, high)
+            batch.height[i] = tuning.hip_height
         else:
             batch.until_command[i] -= 1
             if batch.until_command[i] <= 0:
@@ -264,14 +223,22 @@ def step_kernel(
             if abs(state[2]) > 2.0:
                 state[2] -= math.copysign(2.0, state[2])
 
-        # -- what the robot now measures, estimates and is told
+        # -- what the robot now measures, as robots.locomotion.odometry.LegSensors, estimates and is told
+        _in_base(state[4:8], batch.up_world[i], up)
+        _in_base(state[4:8], state[20:23], v_base)
+        errors = batch.sensor_errors[i]
         for k in range(3):
-            noisy_gyro[k] = gyro[k] + 0.03 * g[k]
-            noisy_up[k] = up[k] + 0.01 * g[3 + k]
+            noisy_gyro[k] = (1.0 + errors[k]) * gyro[k] + errors[3 + k] + noise.gyro * g[k]
+        pitch, roll = errors[6] + noise.tilt_noise * g[3], errors[7] + noise.tilt_noise * g[4]
+        noisy_up[0], noisy_up[1] = up[0] - pitch * up[2], up[1] + roll * up[2]
+        noisy_up[2] = up[2] + pitch * up[0] - roll * up[1]
+        length = math.sqrt(noisy_up[0] ** 2 + noisy_up[1] ** 2 + noisy_up[2] ** 2)
+        for k in range(3):
+            noisy_up[k] /= length
         for j in range(12):
-            q[j] = state[8 + j] + 0.005 * g[6 + j] + batch.joint_bias[i, j]
-            dq[j] = state[26 + j] + 0.3 * g[18 + j]
-        worth = leg_velocity(legs, tuning, noisy_gyro, noisy_up, q, dq, batch.targets[i], planar)
+            q[j] = state[8 + j] + errors[8 + j] + noise.joint_angle * g[5 + j]
+            dq[j] = state[26 + j] + noise.joint_speed * g[17 + j]
+        worth = leg_velocity(legs, tuning, noisy_gyro, noisy_up, q, dq, batch.targets[i], batch.last_targets[i], planar)
         for k in range(2 if worth > 0.0 else 0):  # worth nothing, it was not written: it may be a lost state's
             batch.velocity[i, k] += VELOCITY_GAIN * worth * (planar[k] - batch.velocity[i, k])
         advance_clock(tuning, batch.wanted[i], command, clock)
@@ -287,11 +254,11 @@ def step_kernel(
             privileged[i, k] = clean[k]
         n = OBSERVATION_SIZE
         privileged[i, n], privileged[i, n + 1], privileged[i, n + 2] = v_base[0], v_base[1], v_base[2]
-        privileged[i, n + 3] = height
+        privileged[i, n + 3] = batch.height[i]
         for leg in range(4):
-            privileged[i, n + 4 + leg] = 1.0 if sensors[i, touch[leg]] > _CONTACT else 0.0
+            privileged[i, n + 4 + leg] = 1.0 if sensors[i, touch[leg]] > _CONTACT and not done[i] else 0.0
         for k in range(3):
-            privileged[i, n + 8 + k] = slow[k]
+            privileged[i, n + 8 + k] = batch.slow_error[i, k]
 
 
 @njit(cache=True)

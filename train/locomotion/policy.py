@@ -75,10 +75,10 @@ class Normaliser(nn.Module):
         return ((x - self.mean) * self.scale()).clamp(-CLIP, CLIP)
 
 
-def _perceptron(inputs: int, hidden: int, outputs: int, gain: float) -> nn.Sequential:
+def _perceptron(inputs: int, hidden: int, outputs: int, gain: float, generator: torch.Generator) -> nn.Sequential:
     layers = [nn.Linear(inputs, hidden), nn.Linear(hidden, hidden), nn.Linear(hidden, outputs)]
     for layer, g in zip(layers, (1.41, 1.41, gain)):
-        nn.init.orthogonal_(layer.weight, g)
+        nn.init.orthogonal_(layer.weight, g, generator=generator)
         nn.init.zeros_(layer.bias)
     return nn.Sequential(layers[0], nn.ELU(), layers[1], nn.ELU(), layers[2])
 
@@ -86,9 +86,9 @@ def _perceptron(inputs: int, hidden: int, outputs: int, gain: float) -> nn.Seque
 class ActorNetwork(nn.Module):
     """Mean and deviation of an action for a normalised observation."""
 
-    def __init__(self, hidden: int, initial_std: float):
+    def __init__(self, generator: torch.Generator, hidden: int, initial_std: float):
         super().__init__()
-        self.layers = _perceptron(OBSERVATION_SIZE, hidden, ACTION_SIZE, 0.01)
+        self.layers = _perceptron(OBSERVATION_SIZE, hidden, ACTION_SIZE, 0.01, generator)
         self.log_std = nn.Parameter(torch.full((ACTION_SIZE,), float(np.log(initial_std))))
 
     def forward(self, observation: Tensor) -> tuple[Tensor, Tensor]:
@@ -104,17 +104,17 @@ class DiagonalNormal(Independent):
         super().__init__(Normal(loc, scale, validate_args=False), 1, validate_args=False)
 
 
-def make_actor(hidden: int = 128, initial_std: float = 0.5) -> ProbabilisticActor:
-    """Reads "observation" (normalised), writes "action" and "action_log_prob"."""
-    module = TensorDictModule(ActorNetwork(hidden, initial_std), ["observation"], ["loc", "scale"])
+def make_actor(generator: torch.Generator, hidden: int = 128, initial_std: float = 0.5) -> ProbabilisticActor:
+    """Reads "observation" (normalised), writes "action" and "action_log_prob"; first weights from the generator."""
+    module = TensorDictModule(ActorNetwork(generator, hidden, initial_std), ["observation"], ["loc", "scale"])
     return ProbabilisticActor(
         module, in_keys=["loc", "scale"], distribution_class=DiagonalNormal, return_log_prob=True
     )  # fmt: skip
 
 
-def make_critic(hidden: int = 128) -> ValueOperator:
-    """Reads "privileged" (normalised), writes "state_value"."""
-    return ValueOperator(_perceptron(CRITIC_SIZE, hidden, 1, 1.0), in_keys=["privileged"])
+def make_critic(generator: torch.Generator, hidden: int = 128) -> ValueOperator:
+    """Reads "privileged" (normalised), writes "state_value"; first weights from the generator."""
+    return ValueOperator(_perceptron(CRITIC_SIZE, hidden, 1, 1.0, generator), in_keys=["privileged"])
 
 
 def export(

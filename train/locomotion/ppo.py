@@ -47,17 +47,25 @@ class PpoConfig:
     last_divergence: float = 0.008
     entropy: float = 0.001
     """Weight at first; falls to 0."""
-    normaliser_iterations: int = 200
-    """After which the normalisers are frozen."""
+    normaliser_until: float = 0.8
+    """Share of the training after which the normalisers are frozen: commands, sills and slopes are all there by then,
+    and the rest is left to the policy to settle on what it sees."""
 
 
 class Learner:
-    """Actor, critic, their optimisers, and one iteration of PPO."""
+    """Actor, critic, their optimisers, and one iteration of PPO.
+
+    Args:
+        environment: Where it learns.
+        config: How.
+        seed: Of the networks' first weights, the explored actions and the minibatches.
+    """
 
     def __init__(self, environment: LocomotionEnvironment, config: PpoConfig, seed: int):
-        torch.manual_seed(seed)
         self.config = config
-        self.actor, self.critic = make_actor(config.hidden, config.initial_std), make_critic(config.hidden)
+        self._generator = torch.Generator().manual_seed(seed)
+        self.actor = make_actor(self._generator, config.hidden, config.initial_std)
+        self.critic = make_critic(self._generator, config.hidden)
         network = self.actor.module[0].module  # type: ignore[union-attr,index]
         assert isinstance(network, ActorNetwork)
         self.network = network
@@ -81,7 +89,7 @@ class Learner:
         self._actions = torch.empty(h, n, ACTION_SIZE)
         self._means, self._log_probs = torch.empty(h, n, ACTION_SIZE), torch.empty(h, n)
         self._values, self._rewards = torch.empty(h + 1, n, 1), torch.empty(h, n, 1)
-        self._done = torch.zeros(h, n, 1, dtype=torch.bool)
+        self._terminated, self._truncated = torch.zeros(2, h, n, 1, dtype=torch.bool)
         self.move_to(environment)
 
     def move_to(self, environment: LocomotionEnvironment) -> None:
@@ -101,7 +109,7 @@ class Learner:
             What is worth plotting.
         """
         start = clock()
-        report = self._collect()
+        report = self._collect(progress < self.config.normaliser_until)
         collected = clock()
         report |= self._learn(progress)
         self.iteration += 1
@@ -111,28 +119,26 @@ class Learner:
         return report
 
     @torch.no_grad()
-    def _collect(self) -> dict[str, float]:
+    def _collect(self, normaliser_learns: bool) -> dict[str, float]:
         environment, config = self.environment, self.config
         std = self.network.log_std.clamp(-3.0, 0.0).exp()
         observation, privileged = self._now
         falls, reward, terms, errors = 0, 0.0, {}, []
         for t in range(config.horizon):
-            if self.iteration < config.normaliser_iterations:
+            if normaliser_learns:
                 self.see.update(observation)
                 self.see_all.update(privileged)
             x, y = self.see(observation), self.see_all(privileged)
             mean = self.network.layers(x)
-            action = mean + std * torch.randn_like(mean)
+            action = mean + std * torch.randn(mean.shape, generator=self._generator)
             self._observations[t], self._privileged[t] = x, y
             self._means[t], self._actions[t] = mean, action
             self._log_probs[t] = _log_prob(action, mean, std)
             self._values[t] = self.critic.module(y)
             step = environment.step(action.numpy())
             self._rewards[t, :, 0] = torch.from_numpy(step.reward)
-            truncated = torch.from_numpy(step.truncated)
-            # Nobody knows what would have come after the time was up: the value of where it stood will do.
-            self._rewards[t, truncated, 0] += config.gamma * self._values[t, truncated, 0]
-            self._done[t, :, 0] = torch.from_numpy(step.terminated | step.truncated)
+            self._truncated[t, :, 0] = torch.from_numpy(step.truncated)
+            self._terminated[t, :, 0] = torch.from_numpy(step.terminated)
             falls += int(step.terminated.sum())
             reward += float(step.reward.mean()) / config.horizon
             for key, value in environment.reward_terms().items():
@@ -155,9 +161,8 @@ class Learner:
     def _learn(self, progress: float) -> dict[str, float]:
         config = self.config
         with torch.no_grad():
-            advantage, target = vec_generalized_advantage_estimate(
-                config.gamma, config.lambda_, self._values[:-1], self._values[1:], self._rewards, self._done,
-                self._done, time_dim=0,
+            advantage, target = advantages(
+                config, self._values, self._rewards, self._terminated, self._truncated
             )  # fmt: skip
         flat = TensorDict(
             {
@@ -174,7 +179,7 @@ class Learner:
         size = len(flat) // config.minibatches
         divergence, critic_loss, updates = 0.0, 0.0, 0
         for _ in range(config.epochs):
-            order = torch.randperm(len(flat))
+            order = torch.randperm(len(flat), generator=self._generator)
             for k in range(config.minibatches):
                 part = cast(TensorDict, flat[order[k * size : (k + 1) * size]])
                 self._mirror_half(part)
@@ -227,6 +232,7 @@ class Learner:
             "see": self.see.state_dict(), "see_all": self.see_all.state_dict(),
             "actor_optimiser": self.actor_optimiser.state_dict(),
             "critic_optimiser": self.critic_optimiser.state_dict(), "iteration": self.iteration,
+            "generator": self._generator.get_state(), "observation": self._now[0], "privileged": self._now[1],
         }  # fmt: skip
 
     def load(self, state: dict) -> None:
@@ -237,7 +243,33 @@ class Learner:
         self.see_all.load_state_dict(state["see_all"])
         self.actor_optimiser.load_state_dict(state["actor_optimiser"])
         self.critic_optimiser.load_state_dict(state["critic_optimiser"])
-        self.iteration = state["iteration"]
+        self.iteration = int(state["iteration"])
+        self._generator.set_state(state["generator"])
+        self._now = state["observation"], state["privileged"]
+
+
+def advantages(
+    config: PpoConfig, values: Tensor, rewards: Tensor, terminated: Tensor, truncated: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Generalised advantage estimate of a batch whose episodes begin anew within it.
+
+    Nobody knows what would have come after an episode's time was up: the value of where it stood last will do.
+
+    Args:
+        config: gamma and lambda.
+        values: (h + 1, n, 1) of what was seen before each step and after the last.
+        rewards: (h, n, 1)
+        terminated: (h, n, 1) fell: nothing comes after it.
+        truncated: (h, n, 1) its time was up.
+
+    Returns:
+        Advantages and the critic's targets, (h, n, 1) each.
+    """
+    rewards = rewards + config.gamma * values[:-1] * truncated
+    done = terminated | truncated
+    return vec_generalized_advantage_estimate(
+        config.gamma, config.lambda_, values[:-1], values[1:], rewards, done, done, time_dim=0
+    )
 
 
 def _tensors(mirror: tuple[list[int], list[float]]) -> tuple[Tensor, Tensor]:

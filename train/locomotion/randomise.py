@@ -9,16 +9,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from robots.locomotion.model import GRAVITY
-
-SILL_SPACING = 0.9
-"""Between the middles of two bars [m]."""
-SILL_DEPTH = 0.5
-"""Of a bar along x, at most [m]."""
-SILL_TOP = 0.045
-"""Of a bar over the floor, at most [m]."""
-SILL_HALF_HEIGHT = 0.5
-"""Bars are sunk into the floor [m]."""
+from robots.locomotion.model import GRAVITY, SERVO_KD, SERVO_KP, SERVO_SUPPLY
+from train.locomotion.floors import SILL_DEPTH, SILL_HALF_HEIGHT, SILL_TOP
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,24 +28,69 @@ class Randomisation:
     gains: tuple[float, float] = (0.9, 1.1)
     """Of the servos."""
     strength: tuple[float, float] = (0.85, 1.05)
-    """Of the torque limits."""
+    """Of the motors' torque limits and their supply."""
     damping: tuple[float, float] = (0.5, 2.0)
     armature: tuple[float, float] = (0.8, 1.2)
     joint_friction: tuple[float, float] = (0.3, 1.6)
     sill_height: tuple[float, float] = (0.0, SILL_TOP)
     """At full roughness [m]."""
-    slope: float = 0.11
-    """At full roughness, either way."""
+    sills: float = 0.7
+    """Share of the floors that have any."""
+    slope: float = 0.12
+    """At most, at full roughness."""
+    slopes: float = 0.6
+    """Share of the floors that are not level."""
 
 
 def randomise(
-    model: mujoco.MjModel, base: mujoco.MjModel, ranges: Randomisation, rng: np.random.Generator, roughness: float
+    model: mujoco.MjModel,
+    base: mujoco.MjModel,
+    data: mujoco.MjData,
+    ranges: Randomisation,
+    rng: np.random.Generator,
+    roughness: float,
 ) -> None:
-    """Make a model a random variant of ``base``.
+    """Make a model a random variant of ``base``: of its robot and, within the compiled sizes, of its floor.
 
-    A ramp is a level floor under a tilted gravity: to the robot there is no difference.
+    A ramp is a level floor under a tilted gravity. That is no different to the robot as long as its attitude is told
+    against gravity, not against the floor.
+
+    Args:
+        model: Changed; a copy of ``base`` or an earlier variant.
+        base: Robot and floor as they were compiled.
+        data: Of either; what it holds is lost.
+        ranges: Of the draws.
+        rng: Source of randomness.
+        roughness: 0 flat, 1 as rough as the ranges allow.
     """
+    _draw_robot(model, base, ranges, rng)
+    sills = base.geom_bodyid == model.body("sills").id
+    angle = rng.uniform(-math.pi, math.pi)
+    slope = roughness * rng.uniform(0.0, ranges.slope) * (rng.random() < ranges.slopes)
+    down = np.array([slope * math.cos(angle), slope * math.sin(angle), -1.0])
+    model.opt.gravity[:] = GRAVITY * down / np.linalg.norm(down)
+    if sills.any():
+        rough = roughness > 0.0 and rng.random() < ranges.sills
+        height = rng.uniform(*ranges.sill_height, sills.sum()) * roughness
+        model.geom_size[sills, 0] = 0.5 * rng.uniform(0.1 * SILL_DEPTH, SILL_DEPTH, sills.sum())
+        model.geom_pos[sills, 2] = (height if rough else -0.1) - SILL_HALF_HEIGHT
+    # Last: it also fits the collision tree to the shapes as they are then.
+    mujoco.mj_setConst(model, data)
 
+
+def randomise_robot(
+    model: mujoco.MjModel,
+    base: mujoco.MjModel,
+    data: mujoco.MjData,
+    ranges: Randomisation,
+    rng: np.random.Generator,
+) -> None:
+    """Make a model's robot a random variant of ``base``'s; see ``randomise``."""
+    _draw_robot(model, base, ranges, rng)
+    mujoco.mj_setConst(model, data)  # what follows from masses and inertias, like how far a contact gives
+
+
+def _draw_robot(model: mujoco.MjModel, base: mujoco.MjModel, ranges: Randomisation, rng: np.random.Generator) -> None:
     def draw(low_high: tuple[float, float]) -> float:
         return float(rng.uniform(*low_high))
 
@@ -68,22 +105,11 @@ def randomise(
     shift = ranges.centre_of_mass
     model.body_ipos[trunk] = base.body_ipos[trunk] + rng.uniform(-shift, shift, 3)
     kp, kd = draw(ranges.gains), draw(ranges.gains)
-    model.actuator_gainprm[:, 0] = base.actuator_gainprm[:, 0] * kp
-    model.actuator_biasprm[:, 1] = base.actuator_biasprm[:, 1] * kp
-    model.actuator_biasprm[:, 2] = base.actuator_biasprm[:, 2] * kd
-    model.actuator_forcerange[:] = base.actuator_forcerange * draw(ranges.strength)
+    model.actuator_gainprm[:, SERVO_KP] = base.actuator_gainprm[:, SERVO_KP] * kp
+    model.actuator_gainprm[:, SERVO_KD] = base.actuator_gainprm[:, SERVO_KD] * kd
+    strength = draw(ranges.strength)
+    model.actuator_forcerange[:] = base.actuator_forcerange * strength
+    model.actuator_gainprm[:, SERVO_SUPPLY] = base.actuator_gainprm[:, SERVO_SUPPLY] * strength
     model.dof_damping[6:] = base.dof_damping[6:] * draw(ranges.damping)
     model.dof_armature[6:] = base.dof_armature[6:] * draw(ranges.armature)
     model.dof_frictionloss[6:] = base.dof_frictionloss[6:] * draw(ranges.joint_friction)
-
-    angle, slope = rng.uniform(-math.pi, math.pi), roughness * rng.uniform(0.0, ranges.slope) * (rng.random() < 0.5)
-    down = np.array([slope * math.cos(angle), slope * math.sin(angle), -1.0])
-    model.opt.gravity[:] = GRAVITY * down / np.linalg.norm(down)
-    sills = base.geom_bodyid == model.body("sills").id
-    if not sills.any():
-        return
-    rough = roughness > 0.0 and rng.random() < 0.6
-    height = rng.uniform(*ranges.sill_height, sills.sum()) * roughness
-    # Only within the compiled size and height: MuJoCo's broad phase knows static shapes as they were compiled.
-    model.geom_size[sills, 0] = 0.5 * rng.uniform(0.1 * SILL_DEPTH, SILL_DEPTH, sills.sum())
-    model.geom_pos[sills, 2] = (height if rough else -0.1) - SILL_HALF_HEIGHT

@@ -1,5 +1,6 @@
 """One training run: stages, checkpoints, curves, and the weights it ends with."""
 
+import copy
 import json
 import math
 import time
@@ -24,17 +25,17 @@ from vuca_nav.errors import BadArgument
 CHECKPOINT = "checkpoint.pt"
 LOG = "log.jsonl"
 _SAVE_EVERY = 25
-"""Iterations between checkpoints."""
-_NEW_FLOORS = 0.01
+"""Iterations between checkpoints: half a minute."""
+_NEW_FLOORS = 0.02
 """Share of the robots that get a new body and floor after each iteration."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """A part of the training, from a share of its time on."""
+    """A part of the training, from a share of its steps on."""
 
     start: float
-    """Share of the training's time, 0-1."""
+    """Share of the training's steps, 0-1."""
     physics: int
     """[Hz]"""
     num_sills: int
@@ -42,58 +43,76 @@ class Stage:
     """Reached at the stage's end, from the last stage's: 1 is sills of 4.5 cm and slopes of 11%."""
 
 
-STAGES = (Stage(0.0, 120, 0, 0.0), Stage(0.5, 120, 6, 1.0))
+STAGES = (Stage(0.0, 120, 0, 0.0), Stage(0.4, 120, 6, 1.0))
 """Flat floor first, then sills and slopes. The simulation's 300 Hz cost more than twice as much a step, and a gait
 trained at 120 Hz tracks as well there."""
 
 
+STEPS = 16_000_000
+"""Control steps of the full recipe: about 27 minutes on one idle core."""
+
+
 @dataclass(frozen=True, slots=True)
 class TrainingConfig:
-    """Everything a run depends on but the machine's speed."""
+    """Everything the weights depend on. Not the number of threads: they share the robots out, and learning has one."""
 
     seed: int = 0
-    minutes: float = 45.0
-    threads: int = 2
+    steps: int = STEPS
+    """Control steps of all robots together, rounded up to whole iterations."""
     opened: float = 0.1
-    """Share of the time in which the command range opens."""
+    """Share of the steps in which the command range opens."""
     first_commands: float = 0.4
     """Share of the command range at first."""
     environment: EnvironmentConfig = field(default_factory=EnvironmentConfig)
     ppo: PpoConfig = field(default_factory=PpoConfig)
     stages: tuple[Stage, ...] = STAGES
 
+    @property
+    def steps_per_iteration(self) -> int:
+        """Control steps."""
+        return self.environment.num_robots * self.ppo.horizon
+
+    @property
+    def iterations(self) -> int:
+        """Of collecting and learning."""
+        return math.ceil(self.steps / self.steps_per_iteration)
+
 
 class Training:
-    """A run that can be interrupted and gone on with.
+    """A run that can be interrupted and gone on with, to the very weights it would have had without.
 
     Args:
         robot: Who learns.
         config: How.
         out: Directory of checkpoint, log, curves and weights.
         resume: Go on with what is in ``out``.
+        threads: Processor cores for the physics.
 
     Raises:
-        BadArgument: If ``out`` holds a run and it shall not be resumed, or holds none and it shall, or one
-            that cannot be read or is of another robot, gait, seed or learner.
+        BadArgument: If ``out`` cannot be written to, or holds a run and it shall not be resumed, or holds none and
+            it shall, or one that cannot be read or is of another robot, gait or config.
     """
 
-    def __init__(self, robot: QuadrupedConfig, config: TrainingConfig, out: Path, *, resume: bool = False):
+    def __init__(
+        self, robot: QuadrupedConfig, config: TrainingConfig, out: Path, *, resume: bool = False, threads: int = 1
+    ):
         checkpoint = out / CHECKPOINT
+        prepare_directory(out)
         if checkpoint.exists() and not resume:
             raise BadArgument(f"{out} holds a training run; go on with it by --resume, or give another --out")
         if resume and not checkpoint.exists():
             raise BadArgument(f"--resume: there is no {checkpoint}")
-        if out.exists() and not out.is_dir():
-            raise BadArgument(f"--out {out} is a file, expected a directory")
-        out.mkdir(parents=True, exist_ok=True)
-        torch.set_num_threads(config.threads)
-        self.robot, self.config, self.out = robot, config, out
+        torch.set_num_threads(1)  # how a sum is shared out among threads decides about its last bits
+        self.robot, self.config, self.out, self._threads = robot, config, out, threads
         self._rng = np.random.default_rng(np.random.SeedSequence(config.seed))
         self._stage = 0
         self.learner = Learner(self._environment(config.stages[0]), config.ppo, config.seed)
         self.elapsed = 0.0
         if resume:
             self._load(checkpoint)
+        else:
+            (out / LOG).unlink(missing_ok=True)  # of a run that came to no checkpoint
+        self._now = self._state()
         (out / "config.json").write_text(json.dumps(asdict(config), indent=2) + "\n")
 
     def _load(self, checkpoint: Path) -> None:
@@ -106,9 +125,12 @@ class Training:
             if contract[key] != right:
                 raise BadArgument(f"{checkpoint} is a run of {key} {contract[key]!r}, not of {right!r}")
         try:
+            self._enter_stage(int(state["stage"]))
+            self.learner.environment.load({key: tensor.numpy() for key, tensor in state["environment"].items()})
             self.learner.load(state["learner"])
+            self._rng.bit_generator.state = json.loads(state["generator"])
             self.elapsed = float(state["elapsed"])
-        except (KeyError, RuntimeError, TypeError, ValueError) as error:
+        except (IndexError, KeyError, RuntimeError, TypeError, ValueError) as error:
             raise BadArgument(f"{checkpoint} does not fit the networks of this run: {error}") from error
         log = self.out / LOG
         if log.exists():  # what came after the checkpoint is lost, and will come again
@@ -118,61 +140,77 @@ class Training:
             temporary.replace(log)
 
     def _contract(self) -> dict[str, str | int]:
-        """What a run must have in common with the one it goes on with."""
+        """What a run must have in common with the one it goes on with: everything its weights depend on."""
+        config = asdict(self.config)
+        seed, steps, ppo = config.pop("seed"), config.pop("steps"), config.pop("ppo")
         return {
-            "robot": self.robot.spec.name, "gait": gait_contract(self.robot), "seed": self.config.seed,
-            "ppo": json.dumps(asdict(self.config.ppo), sort_keys=True),
+            "robot": self.robot.spec.name, "gait": gait_contract(self.robot), "seed": seed, "steps": steps,
+            "ppo": json.dumps(ppo, sort_keys=True), "environment and stages": json.dumps(config, sort_keys=True),
         }  # fmt: skip
 
+    def _state(self) -> dict:
+        """A copy of everything the next iteration depends on."""
+        environment = {key: torch.from_numpy(array) for key, array in self.learner.environment.state().items()}
+        live = {
+            **self._contract(), "learner": self.learner.state(), "environment": environment, "stage": self._stage,
+            "generator": json.dumps(self._rng.bit_generator.state), "elapsed": self.elapsed,
+        }  # fmt: skip
+        return copy.deepcopy(live)
+
     def run(self) -> None:
-        """Train until the time is up; interrupted from the keyboard, save and let the interrupt through."""
+        """Train to the end; interrupted from the keyboard, save the last whole iteration and let the interrupt pass."""
         try:
             self._run()
         except KeyboardInterrupt:
-            self.save()
+            self._save_checkpoint()
             raise
         self.save()
         draw_curves(self.out / LOG, self.out / "curves.png")
 
     def _run(self) -> None:
-        total = 60.0 * self.config.minutes
+        config, learner = self.config, self.learner
+        per_iteration = config.steps_per_iteration
         with (
-            SummaryWriter(str(self.out / "tensorboard")) as writer,
+            SummaryWriter(str(self.out / "tensorboard"), purge_step=learner.iteration) as writer,
             (self.out / LOG).open("a", buffering=1) as log,
-            tqdm(total=round(total), initial=round(self.elapsed), unit="s") as bar,
-        ):
-            for report in self._iterations(total):
-                iteration = self.learner.iteration
-                log.write(json.dumps({"iteration": iteration, "seconds": round(self.elapsed, 2), **report}) + "\n")
+            tqdm(
+                total=config.iterations * per_iteration, initial=learner.iteration * per_iteration, unit="step",
+                unit_scale=True, smoothing=0.05,
+            ) as bar,
+        ):  # fmt: skip
+            for report in self._iterations():
+                row = {"iteration": learner.iteration, "steps": learner.iteration * per_iteration}
+                log.write(json.dumps({**row, "seconds": round(self.elapsed, 2), **report}) + "\n")
                 for key, value in report.items():
-                    writer.add_scalar(key, value, iteration)
-                bar.n = min(round(self.elapsed), bar.total)
+                    writer.add_scalar(key, value, learner.iteration)
                 bar.set_postfix(
-                    reward=f"{report['reward/total']:.2f}", falls=f"{report['falls_per_minute']:.2f}/min",
-                    steps=f"{report['speed/total']:.0f}/s",
-                )  # fmt: skip
-                if iteration % _SAVE_EVERY == 0:
+                    reward=f"{report['reward/total']:.2f}", falls=f"{report['falls_per_minute']:.2f}/min", refresh=False
+                )
+                bar.update(per_iteration)
+                if learner.iteration % _SAVE_EVERY == 0:
                     self.save()
 
     def save(self) -> None:
-        """Checkpoint and weights, each written aside and then moved."""
-        temporary = self.out / f"{CHECKPOINT}.tmp"
-        state = {**self._contract(), "learner": self.learner.state(), "elapsed": self.elapsed}
-        torch.save(state, temporary)
-        temporary.replace(self.out / CHECKPOINT)
-        steps = self.learner.iteration * self.config.environment.num_robots * self.config.ppo.horizon
+        """Checkpoint and weights of the last whole iteration, each written aside and then moved."""
+        self._save_checkpoint()
         notes = {
-            "seed": str(self.config.seed), "minutes": f"{self.elapsed / 60.0:.1f}", "control_steps": str(steps),
-            "threads": str(self.config.threads), "mujoco": mujoco.__version__, "torch": str(torch.__version__),
+            "seed": str(self.config.seed), "minutes": f"{self.elapsed / 60.0:.1f}",
+            "control_steps": str(self.learner.iteration * self.config.steps_per_iteration),
+            "threads": str(self._threads), "mujoco": mujoco.__version__, "torch": str(torch.__version__),
         }  # fmt: skip
         export(self.out / self.robot.weights, self.robot, self.learner.network, self.learner.see, notes)
 
-    def _iterations(self, total: float) -> Iterator[dict[str, float]]:
+    def _save_checkpoint(self) -> None:
+        temporary = self.out / f"{CHECKPOINT}.tmp"
+        torch.save(self._now, temporary)
+        temporary.replace(self.out / CHECKPOINT)
+
+    def _iterations(self) -> Iterator[dict[str, float]]:
         config, learner = self.config, self.learner
-        while self.elapsed < total:
+        while learner.iteration < config.iterations:
             start = time.perf_counter()
-            progress = self.elapsed / total
-            self._enter_stage(progress)
+            progress = learner.iteration / config.iterations
+            self._enter_stage(max(k for k, stage in enumerate(config.stages) if stage.start <= progress))
             environment = learner.environment
             environment.difficulty = min(
                 config.first_commands + (1.0 - config.first_commands) * progress / config.opened, 1.0
@@ -184,17 +222,16 @@ class Training:
             report["roughness"], report["difficulty"] = environment.roughness, environment.difficulty
             if not math.isfinite(report["critic_loss"]):
                 raise FloatingPointError(f"training diverged at iteration {learner.iteration}")
+            self._now = self._state()
             yield report
 
-    def _enter_stage(self, progress: float) -> None:
-        stages = self.config.stages
-        now = max(k for k, stage in enumerate(stages) if stage.start <= progress)
-        if now != self._stage:
-            self._stage = now
-            self.learner.move_to(self._environment(stages[now]))
+    def _enter_stage(self, stage: int) -> None:
+        if stage != self._stage:
+            self._stage = stage
+            self.learner.move_to(self._environment(self.config.stages[stage]))
 
     def _roughness(self, progress: float) -> float:
-        """Rises over a stage from the last one's to its own."""
+        """Rises over the first half of a stage from the last one's to its own."""
         stages, k = self.config.stages, self._stage
         end = stages[k + 1].start if k + 1 < len(stages) else 1.0
         before = stages[k - 1].roughness if k > 0 else 0.0
@@ -202,7 +239,22 @@ class Training:
         return before + (stages[k].roughness - before) * min(max(2.0 * share, 0.0), 1.0)
 
     def _environment(self, stage: Stage) -> LocomotionEnvironment:
-        config = replace(
-            self.config.environment, physics=stage.physics, num_sills=stage.num_sills, threads=self.config.threads
-        )
-        return LocomotionEnvironment(self.robot, config, self._rng)
+        config = replace(self.config.environment, physics=stage.physics, num_sills=stage.num_sills)
+        return LocomotionEnvironment(self.robot, config, self._rng, self._threads)
+
+
+def prepare_directory(path: Path) -> None:
+    """Make a run's directory, before an hour is spent on it.
+
+    Raises:
+        BadArgument: If it is no directory, or no file can be written there.
+    """
+    if path.exists() and not path.is_dir():
+        raise BadArgument(f"--out {path} is a file, expected a directory")
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        probe = path / ".probe"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise BadArgument(f"--out {path} cannot be written to: {error}") from error
