@@ -81,6 +81,8 @@ def episodes_of(
     method: str = BEST,
     seeds: Iterable[int] | None = None,
     limit: int | None = None,
+    policy: str | None = None,
+    gamma: float | None = None,
 ) -> tuple[EpisodeConfig, ...]:
     """All episodes of a suite, the first seed of every task before the second.
 
@@ -90,17 +92,21 @@ def episodes_of(
         method: A method's name.
         seeds: Instead of the suite's own.
         limit: Only the first so many episodes.
+        policy: A weights file instead of the method's own.
+        gamma: Of the safety term instead of the method's own.
 
     Raises:
-        VucaError: There is no such robot or method, or the limit is not positive.
+        VucaError: There is no such robot, method or weights file, or the limit is not positive.
     """
     if robot not in ROBOTS:
         raise UnknownName("robot", robot, ROBOTS)
-    find_method(method)
+    find_method(method, policy=policy, gamma=gamma)
     if limit is not None and limit < 1:
         raise BadArgument(f"--episodes must be 1 or more, got {limit}")
     every = tuple(
-        EpisodeConfig(task.world, task.region, robot, method, seed, task.without, task.movers)
+        EpisodeConfig(
+            task.world, task.region, robot, method, seed, task.without, task.movers, policy=policy, gamma=gamma
+        )
         for seed in (suite.seeds if seeds is None else seeds)
         for task in suite.tasks
     )
