@@ -17,7 +17,9 @@ class TrainArguments:
     """Train a policy from scratch; interrupted, go on with --resume."""
 
     what: tyro.conf.Positional[Literal["locomotion"]]
-    """What to train: locomotion, a quadruped's gait."""
+    """What to train: locomotion, a quadruped's gait. Navigation policies have settings of their own: see
+    vuca train go_straight --help; they are go_straight, obstacle_avoidance, single and fusion, each also with _plus
+    behind, and all."""
     robot: str = "go2"
     """A quadruped's name."""
     out: Path | None = None
@@ -32,7 +34,11 @@ class TrainArguments:
 
 
 def train(argv: list[str]) -> int:
-    """Train a gait: PPO over batched MuJoCo, to weights a mission can load."""
+    """Train a gait over batched MuJoCo or a navigation policy in the batched arena, to weights a mission can load."""
+    if argv and not argv[0].startswith("-") and argv[0] != "locomotion":
+        from train.navigation.commands import train_navigation
+
+        return train_navigation(argv[0], argv[1:])
     arguments = parse(TrainArguments, "train", argv)
     if not (math.isfinite(arguments.minutes) and arguments.minutes > 0.0):
         raise BadArgument(f"--minutes must be a positive number, got {arguments.minutes}")
