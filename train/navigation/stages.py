@@ -36,7 +36,7 @@ class StageConfig:
             raise BadArgument(f"steps must be 1 or more, copy_noise 0 or more, got {self.steps}, {self.copy_noise}")
 
 
-_PAPER, _COMPENSATED = ObservationConfig(), ObservationConfig(kind="compensated")
+_PAPER, _TRACKED = ObservationConfig(), ObservationConfig(kind="tracked")
 _FIRST = PpoConfig()
 _WARM = PpoConfig(first_rate=6e-4, critic_first=10)
 _SECOND = PpoConfig(horizon=64, minibatch=4096, first_rate=6e-4, last_rate=5e-5, entropy=0.0, critic_first=10)
@@ -45,57 +45,57 @@ _FOUR = NetworkConfig(experts=4, initial_std=0.25)
 _COPIES = ("go_straight", "obstacle_avoidance", "go_straight", "obstacle_avoidance")
 
 
-def _first_stage(suffix: str, observation: ObservationConfig) -> tuple[StageConfig, StageConfig]:
-    """The two experts."""
-    straight = f"go_straight{suffix}"
-    return (
-        StageConfig(
-            name=straight,
-            about="An expert for walls and roadblocks, which hates turning (Section III-B, first stage).",
-            rewards="go_straight", arena=ArenaConfig().of("static"), observation=observation,
-            network=NetworkConfig(), ppo=_FIRST, steps=8_000_000,
-        ),
-        StageConfig(
-            name=f"obstacle_avoidance{suffix}",
-            about="An expert for things that move, which hates to be near them (Section III-B, first stage). Warm: "
-            "from scratch it learns to wait, which the printed rewards pay for.",
-            rewards="obstacle_avoidance", arena=ArenaConfig().of("dynamic"), observation=observation,
-            network=NetworkConfig(initial_std=0.25), ppo=_WARM, steps=8_000_000, sources=(straight,),
-        ),
-    )  # fmt: skip
-
-
-def _second_stage(suffix: str, observation: ObservationConfig, gate_information: float) -> tuple[StageConfig, ...]:
-    """One network, and four fused, in all worlds."""
-    return (
-        StageConfig(
-            name=f"single{suffix}",
-            about="One network of an expert's size, trained from scratch as long and for the same as the fused ones.",
-            rewards="fusion", arena=ArenaConfig(), observation=observation,
-            network=NetworkConfig(), ppo=_SECOND_FROM_SCRATCH, steps=24_000_000,
-        ),
-        StageConfig(
-            name=f"fusion{suffix}",
-            about="Four networks, two copies of each expert, their weights and biases fused at every step by a gate, "
-            "all trained together (Section III-B, second stage).",
-            rewards="fusion", arena=ArenaConfig(), observation=observation, network=_FOUR,
-            ppo=replace(_SECOND, gate_information=gate_information, teach_gate=gate_information > 0.0),
-            steps=24_000_000,
-            sources=tuple(f"{source}{suffix}" for source in _COPIES),
-        ),
-    )  # fmt: skip
-
-
 _ALL = (
-    *_first_stage("", _PAPER),
-    *_second_stage("", _PAPER, 0.0),
-    *_first_stage("_plus", _COMPENSATED),
-    *_second_stage("_plus", _COMPENSATED, 0.02),
-)
+    StageConfig(
+        name="go_straight",
+        about="An expert for walls and roadblocks, which hates turning (Section III-B, first stage).",
+        rewards="go_straight", arena=ArenaConfig().of("static"), observation=_PAPER,
+        network=NetworkConfig(), ppo=_FIRST, steps=6_000_000,
+    ),
+    StageConfig(
+        name="obstacle_avoidance",
+        about="An expert for things that move, which hates to be near them (Section III-B, first stage). Warm: "
+        "from scratch it learns to wait, which the printed rewards pay for.",
+        rewards="obstacle_avoidance", arena=ArenaConfig().of("dynamic"), observation=_PAPER,
+        network=NetworkConfig(initial_std=0.25), ppo=_WARM, steps=6_000_000, sources=("go_straight",),
+    ),
+    StageConfig(
+        name="single",
+        about="One network of an expert's size, trained from scratch as long and for the same as the fused ones.",
+        rewards="fusion", arena=ArenaConfig(), observation=_PAPER,
+        network=NetworkConfig(), ppo=_SECOND_FROM_SCRATCH, steps=12_000_000,
+    ),
+    StageConfig(
+        name="fusion",
+        about="Four networks, two copies of each expert, their weights and biases fused at every step by a gate, "
+        "all trained together (Section III-B, second stage).",
+        rewards="fusion", arena=ArenaConfig(), observation=_PAPER, network=_FOUR, ppo=_SECOND,
+        steps=12_000_000, sources=_COPIES,
+    ),
+    StageConfig(
+        name="base_plus",
+        about="One network that sees tracks of what moves, trained from scratch: where the other two go on from.",
+        rewards="fusion", arena=ArenaConfig(), observation=_TRACKED,
+        network=NetworkConfig(), ppo=_SECOND_FROM_SCRATCH, steps=10_000_000,
+    ),
+    StageConfig(
+        name="single_plus",
+        about="One network that sees tracks of what moves, trained on from base_plus as long as fusion_plus is.",
+        rewards="fusion", arena=ArenaConfig(), observation=_TRACKED,
+        network=NetworkConfig(initial_std=0.25), ppo=_SECOND, steps=12_000_000, sources=("base_plus",),
+    ),
+    StageConfig(
+        name="fusion_plus",
+        about="Four copies of base_plus, fused by a gate that is first taught which skill is called for and then paid "
+        "for making up its mind.",
+        rewards="fusion", arena=ArenaConfig(), observation=_TRACKED, network=_FOUR,
+        ppo=replace(_SECOND, gate_information=0.02, teach_gate=True), steps=12_000_000, sources=("base_plus",) * 4,
+    ),
+)  # fmt: skip
 STAGES = {stage.name: stage for stage in _ALL}
-"""Every policy, each after those that it starts from. ``_plus`` goes beyond the paper: past scans are carried along by
-odometry before they are compared, the body's limits are seen, and the gate is first taught
-which skill is called for, then paid for making up its mind."""
+"""Every policy, each after those that it starts from. ``_plus`` goes beyond the paper: in place of scan differences
+the policy sees tracks of what moves, and the body's limits; and the gate is first taught which skill is called for,
+then paid for making up its mind."""
 EVERYTHING = tuple(STAGES)
 """What ``vuca train all`` trains, in this order."""
 
