@@ -35,7 +35,7 @@ class Told(Telemetry):
         self.safety_asked.append(rate(np.array([[3.0, 3.0], [5.0, 2.0]])))
 
 
-@pytest.fixture(params=["paper", "compensated"])
+@pytest.fixture(params=["paper", "tracked"])
 def weights(request, tmp_path):
     return load_weights(random_policy(tmp_path / "p.safetensors", ObservationConfig(kind=request.param)))
 

@@ -36,7 +36,7 @@ def by_definition(tensors, observation, activation, shares=None):
 
 @pytest.mark.parametrize("activation", ["relu", "elu"])
 @pytest.mark.parametrize("gate", [(16,), (16, 8)])
-@pytest.mark.parametrize("kind", ["paper", "compensated"])
+@pytest.mark.parametrize("kind", ["paper", "tracked"])
 def test_what_it_computes_is_the_fused_network_of_the_definition(tmp_path, activation, gate, kind):
     config = ObservationConfig(kind=kind)
     path = random_policy(tmp_path / "p.safetensors", config, activation, gate=gate)
@@ -128,7 +128,7 @@ def observation_text(**changes) -> str:
         (replaced(observation="[1]"), r"observation is \[1\], expected the fields"),
         (replaced(observation='{"sectors": 60}'), "expected the fields"),
         (replaced(observation=observation_text(sectors="sixty")), "its observation is not one"),
-        (replaced(observation=observation_text(kind="other")), "of kind 'paper' or 'compensated'"),
+        (replaced(observation=observation_text(kind="other")), "of kind paper or tracked"),
         (replaced(observation=observation_text(sectors=30)), r"'mean' has shape \(126,\), expected \(66,\)"),
     ],
 )

@@ -17,10 +17,10 @@ from vuca_nav.errors import BadArgument
 from vuca_nav.policy.tracks import DIRECTIONS, SLOT_SIZE, SLOTS, SPEEDS, Tracker
 from vuca_nav.types import BodySpec, FloatArray
 
-Kind = Literal["paper", "compensated", "tracked"]
-COMPENSATED_LAGS = (1, 2, 4)
-"""Of the carried scans, in spacings: a person's step is seen at each of them, range noise at none."""
+Kind = Literal["paper", "tracked"]
 GOAL_SIZE, TWIST_SIZE, BODY_SIZE = 3, 3, 6
+THINGS_SIZE = 1 + SLOTS * SLOT_SIZE
+"""Of what ``tracked`` shows after the body: standing still, and the things."""
 HALF_DISTANCE = 3.0
 """Distance of the goal that reads 0, halfway between here (-1) and infinitely far (+1) [m]."""
 CLOSING_SPEED = 2.0
@@ -29,10 +29,6 @@ TWIST_LIMIT = 2.0
 """Velocities are clipped to so many times the body's limits: what an odometry glitch can do at most."""
 SPEED_SCALE, TURN_SCALE, ACCELERATION_SCALE, RADIUS_SCALE = 1.5, 3.0, 3.0, 0.5
 """Of the body vector [m/s, rad/s, m/s^2, m]: about the greatest of the bodies in use."""
-_PAPER, _COMPENSATED, _TRACKED = range(3)
-"""Kinds, in the order of ``Kind``."""
-_FAR = 10.0
-"""A beam without a return is carried as a point at so many times the greatest range: free, wherever one goes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,10 +45,9 @@ class ObservationConfig:
     spacing: float = 0.1
     """Between the scans of the history [s]."""
     kind: Kind = "paper"
-    """``paper``: exactly Section III-B. ``compensated``: past scans are carried along by odometry first, and the
-    body's limits and size are seen, too; O_L, differences at ``COMPENSATED_LAGS``, O_g, O_v, body. ``tracked``: in
-    place of differences what is known of moving things: O_L, how soon one is met in each direction, O_g, O_v, body,
-    the same for standing still, the most threatening things."""
+    """``paper``: exactly Section III-B. ``tracked``: in place of O_m what is known of moving things, and the body's
+    limits and size; O_L, how soon a thing is met in each direction (``vuca_nav.policy.tracks``), O_g, O_v, body, the
+    same for standing still, the most threatening things."""
 
     def __post_init__(self) -> None:
         """Raises BadArgument for what is out of its range."""
@@ -67,17 +62,13 @@ class ObservationConfig:
     @property
     def lags(self) -> tuple[int, ...]:
         """Ages of the past scans that are looked at, in spacings."""
-        if self.kind == "paper":
-            return tuple(range(1, self.history + 1))
-        return COMPENSATED_LAGS if self.kind == "compensated" else ()
+        return tuple(range(1, self.history + 1)) if self.kind == "paper" else ()
 
     @property
     def blocks(self) -> tuple[int, ...]:
         """Sizes of what comes before O_g, each a ring around the body that is its own mirror image reversed."""
         if self.kind == "paper":
             return (self.sectors,) * 2
-        if self.kind == "compensated":
-            return (self.sectors,) * (1 + len(COMPENSATED_LAGS))
         return (self.sectors, *(DIRECTIONS,) * len(SPEEDS))
 
     @property
@@ -90,9 +81,7 @@ class ObservationConfig:
     def size(self) -> int:
         """Numbers in an observation."""
         size = self.goal_slice.stop + TWIST_SIZE
-        if self.kind != "paper":
-            size += BODY_SIZE
-        return size + (1 + SLOTS * SLOT_SIZE if self.kind == "tracked" else 0)
+        return size if self.kind == "paper" else size + BODY_SIZE + THINGS_SIZE
 
     def mirror(self) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
         """Order (size,) and signs (size,) of the observation with left and right exchanged: ``o[order] * signs``."""
@@ -133,33 +122,27 @@ class Observer:
         self.config = config
         self.size = config.size
         n = len(bodies)
+        self._every = np.arange(n)
+        self._fresh = np.ones(n, np.bool_)
+        self._lags = np.array(config.lags, np.int64) * stride
+        self._scans = np.empty((n, max(config.lags, default=0) * stride + 1, config.sectors))
+        self._slot = 0
+        self._tracker = None
+        if config.kind == "tracked":
+            self._tracker = Tracker(n, num_beams, 1.0 / rate, config.spacing)
         self.outline = np.empty((n, num_beams))
         """Of each row's footprint along each beam [m]."""
         self.limits = np.empty((n, 4))
         """Each row's, as ``limits_of`` gives them."""
         self._bodies = np.empty((n, BODY_SIZE))
+        self._radii, self._reaches = np.empty(n), np.empty(n)
         for i, body in enumerate(bodies):
             self.set_body(i, body)
-        self._lags = np.array(config.lags, np.int64) * stride
-        self._kind = get_args(Kind).index(config.kind)
-        self._tracker = None
-        if config.kind == "tracked":
-            reach = config.max_range + self.outline.max()
-            self._tracker = Tracker(n, num_beams, 1.0 / rate, config.spacing, reach)
-        # What is remembered of a scan: its sectors, or to be carried along all of its beams.
-        width = {"paper": config.sectors, "compensated": num_beams, "tracked": 0}[config.kind]
-        self._scans = np.empty((n, max(config.lags, default=0) * stride + 1, width))
-        self._poses = np.zeros((n, self._scans.shape[1], 3))
-        self._fresh = np.ones(n, np.bool_)
-        self._every = np.arange(n)
-        self._carried = np.empty(config.sectors)
-        angles = -np.pi + np.arange(num_beams) * (2.0 * np.pi / num_beams)
-        self._beams = np.column_stack([np.cos(angles), np.sin(angles)])
-        self._slot = 0
 
     def set_body(self, i: int, body: BodySpec) -> None:
         """Row ``i`` is this body from now on."""
-        self.outline[i] = outline_ranges(body.footprint, self.outline.shape[1])
+        self.outline[i] = outline = outline_ranges(body.footprint, self.outline.shape[1])
+        self._radii[i], self._reaches[i] = outline.mean(), self.config.max_range + outline.max()
         self.limits[i] = limits_of(body)
         self._bodies[i] = (
             body.max_v_x / SPEED_SCALE,
@@ -172,9 +155,8 @@ class Observer:
 
     def take_bodies(self, rows: NDArray[np.int64], source: "Observer", source_rows: NDArray[np.int64]) -> None:
         """These rows are from now on the bodies of another observer's rows, for as many beams."""
-        self.outline[rows] = source.outline[source_rows]
-        self.limits[rows] = source.limits[source_rows]
-        self._bodies[rows] = source._bodies[source_rows]
+        for name in ("outline", "limits", "_bodies", "_radii", "_reaches"):
+            getattr(self, name)[rows] = getattr(source, name)[source_rows]
 
     def reset(self, rows: NDArray[np.bool_] | NDArray[np.int64] | slice = slice(None)) -> None:
         """Forget the past of these rows (a mask or indices): their next scan stands for all of it."""
@@ -206,34 +188,15 @@ class Observer:
             self._slot = (self._slot + 1) % self._scans.shape[1]
         rows = self._every if first_of is None else first_of
         _observe(
-            rows,
-            ranges,
-            goals_in_base,
-            twists,
-            motions,
-            self.outline,
-            self.limits,
-            self._bodies,
-            self._beams,
-            self._scans,
-            self._poses,
-            self._fresh,
-            self._slot,
-            self._lags,
-            self._kind,
-            config.sectors,
-            config.max_range,
-            config.spacing,
-            self._carried,
-            config.goal_slice.start,
-            out,
-        )
+            rows, ranges, goals_in_base, twists, self.outline, self.limits, self._bodies, self._scans, self._fresh,
+            self._slot, self._lags, config.sectors, config.max_range, config.spacing, config.goal_slice.start, out,
+        )  # fmt: skip
         if self._tracker is not None:
             goal = config.goal_slice
-            self._tracker.update(rows, ranges, motions, self._fresh)
+            self._tracker.update(rows, ranges, motions, self._reaches, self._fresh)
             self._tracker.features(
                 rows,
-                self.outline.mean(axis=1),
+                self._radii,
                 self.limits[:, 0],
                 out[:, config.sectors : goal.start],
                 out[:, goal.stop + TWIST_SIZE + BODY_SIZE :],
@@ -295,25 +258,13 @@ def outline_ranges(footprint: FloatArray, num_beams: int) -> FloatArray:
 
 @njit(cache=True, nogil=True)
 def _observe(
-    rows, ranges, goals, twists, motions, outline, limits, bodies, beams, scans, poses, fresh, slot, lags, kind,
-    sectors, max_range, spacing, carried, goal_start, out,
+    rows, ranges, goals, twists, outline, limits, bodies, scans, fresh, slot, lags, sectors, max_range, spacing,
+    goal_start, out,
 ):  # fmt: skip
     depth = scans.shape[1]
-    for r in range(len(rows)):
-        i = rows[r]
+    for i in rows:
         _pool(ranges[i], outline[i], sectors, max_range, out[i])
-        if kind == _COMPENSATED:
-            _remember(ranges[i], motions[i], fresh[i], max_range, slot, scans[i], poses[i])
-            for k in range(len(lags)):
-                old = (slot - lags[k]) % depth
-                _carry(scans[i, old], poses[i, old], poses[i, slot], beams, outline[i], sectors, max_range, carried)
-                per_metre = 1.0 / (CLOSING_SPEED * lags[k] / lags[0] * spacing)
-                for s in range(sectors):
-                    now = 0.5 * (out[i, s] + 1.0) * max_range
-                    # Where the old scan saw nothing of a sector there is no telling.
-                    change = now - carried[s] if carried[s] >= 0.0 else 0.0
-                    out[i, (1 + k) * sectors + s] = min(max(change * per_metre, -1.0), 1.0)
-        elif kind == _PAPER:
+        if len(lags):
             per_metre = 1.0 / (CLOSING_SPEED * len(lags) * spacing)
             for s in range(sectors):
                 now = 0.5 * (out[i, s] + 1.0) * max_range
@@ -332,7 +283,7 @@ def _observe(
         out[i, at] = _relative(twists[i, 0], forward)
         out[i, at + 1] = _relative(twists[i, 1], limits[i, 2])
         out[i, at + 2] = _relative(twists[i, 2], limits[i, 3])
-        if kind != _PAPER:
+        if not len(lags):  # tracked
             out[i, at + 3 : at + 3 + bodies.shape[1]] = bodies[i]
 
 
@@ -368,66 +319,3 @@ def _pool(ranges, outline, sectors, max_range, out):
             if clearance < least:  # neither inf nor NaN is
                 least = clearance
         out[s] = 2.0 * max(least, 0.0) / max_range - 1.0
-
-
-@njit(cache=True, nogil=True)
-def _remember(ranges, motion, fresh, max_range, slot, scans, poses):
-    """Store a scan and the pose, by odometry, that it was taken at; a fresh one stands for all before it."""
-    depth = scans.shape[0]
-    if fresh:
-        poses[:] = 0.0
-    else:
-        last = (slot - 1) % depth
-        c, s = math.cos(poses[last, 2]), math.sin(poses[last, 2])
-        poses[slot, 0] = poses[last, 0] + c * motion[0] - s * motion[1]
-        poses[slot, 1] = poses[last, 1] + s * motion[0] + c * motion[1]
-        poses[slot, 2] = poses[last, 2] + motion[2]
-    for b in range(len(ranges)):
-        scans[slot, b] = max(ranges[b], 0.0) if ranges[b] < _FAR * max_range else _FAR * max_range
-    if fresh:
-        for k in range(depth):
-            if k != slot:
-                scans[k] = scans[slot]
-
-
-@njit(cache=True, nogil=True)
-def _carry(scan, odom_from_old, odom_from_now, beams, outline, sectors, max_range, carried):
-    """Least clearance in each sector of the present frame of an old scan's points; -1 where there is none."""
-    num_beams = len(scan)
-    per_sector = num_beams // sectors
-    carried[:] = -1.0
-    turn = odom_from_old[2] - odom_from_now[2]
-    c, s = math.cos(turn), math.sin(turn)
-    dx, dy = odom_from_old[0] - odom_from_now[0], odom_from_old[1] - odom_from_now[1]
-    c_now, s_now = math.cos(odom_from_now[2]), math.sin(odom_from_now[2])
-    x0, y0 = c_now * dx + s_now * dy, -s_now * dx + c_now * dy
-    per_radian = num_beams / (2.0 * math.pi)
-    for b in range(num_beams):
-        x_old, y_old = scan[b] * beams[b, 0], scan[b] * beams[b, 1]
-        x = x0 + c * x_old - s * y_old
-        y = y0 + s * x_old + c * y_old
-        beam = int((_angle(x, y) + math.pi) * per_radian + 0.5) % num_beams
-        sector = beam // per_sector
-        clearance = min(max(math.sqrt(x * x + y * y) - outline[beam], 0.0), max_range)
-        if carried[sector] < 0.0 or clearance < carried[sector]:
-            carried[sector] = clearance
-        if beam == sector * per_sector:  # on the border
-            before = sector - 1 if sector > 0 else sectors - 1
-            if carried[before] < 0.0 or clearance < carried[before]:
-                carried[before] = clearance
-
-
-@njit(cache=True, nogil=True)
-def _angle(x, y):
-    """``atan2(y, x)`` to 1e-5 rad (Abramowitz and Stegun 4.4.49), several times as fast: it picks a beam."""
-    a, b = abs(x), abs(y)
-    if a == 0.0 and b == 0.0:
-        return 0.0
-    z = b / a if b <= a else a / b
-    q = z * z
-    angle = z * (0.9998660 + q * (-0.3302995 + q * (0.1801410 + q * (-0.0851330 + q * 0.0208351))))
-    if b > a:
-        angle = 0.5 * math.pi - angle
-    if x < 0.0:
-        angle = math.pi - angle
-    return -angle if y < 0.0 else angle

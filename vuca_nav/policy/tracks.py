@@ -59,14 +59,17 @@ class Tracker:
         num_beams: Of the scans; beam i points at ``-pi + i * 2 pi / num_beams``.
         period: Between two calls [s].
         spacing: Between two scans that are looked at [s], a multiple of the period.
-        max_range: Beyond which nothing is followed [m].
+
+    Attributes:
+        tracks: (n, MAX_TRACKS, 7) position, velocity, radius, times seen, updates unseen; in the frame of odometry
+            that begins where a row began anew [m, m/s, m]. What was never seen is no track.
     """
 
-    def __init__(self, n: int, num_beams: int, period: float, spacing: float, max_range: float):
+    def __init__(self, n: int, num_beams: int, period: float, spacing: float):
         self._step = max(num_beams // _BEAMS, 1)
         angles = -np.pi + np.arange(0, num_beams, self._step) * (2.0 * np.pi / num_beams)
         self._beams = np.column_stack([np.cos(angles), np.sin(angles)])
-        self._period, self._spacing, self._max_range = period, spacing, max_range
+        self._period, self._spacing = period, spacing
         self.tracks: FloatArray = np.zeros((n, MAX_TRACKS, _COLUMNS))
         self._odometry, self._since = np.zeros((n, 3)), np.zeros(n)
         self._found, self._taken = np.zeros((2 * MAX_TRACKS, 3)), np.zeros(MAX_TRACKS, np.bool_)
@@ -75,11 +78,24 @@ class Tracker:
         self._here = np.zeros((MAX_TRACKS, SLOT_SIZE))
 
     def update(
-        self, rows: NDArray[np.int64], ranges: NDArray[np.floating], motions: FloatArray, fresh: NDArray[np.bool_]
+        self,
+        rows: NDArray[np.int64],
+        ranges: NDArray[np.floating],
+        motions: NDArray[np.floating],
+        reaches: FloatArray,
+        fresh: NDArray[np.bool_],
     ) -> None:
-        """Take in a scan and the odometry's displacement of each of these rows; fresh ones begin anew."""
+        """Take in a scan of each of these rows.
+
+        Args:
+            rows: Which.
+            ranges: (n, num_beams) [m]; ``inf`` or NaN where nothing came back.
+            motions: (n, 3) displacement since the last call by odometry, in the base frame of then [m, m, rad].
+            reaches: (n,) from there on nothing is looked at [m].
+            fresh: (n,) rows that forget what they know, and where they were.
+        """
         _update(
-            rows, ranges, self._step, motions, fresh, self._beams, self._period, self._spacing, self._max_range,
+            rows, ranges, self._step, motions, reaches, fresh, self._beams, self._period, self._spacing,
             self.tracks, self._odometry, self._since, self._found, self._taken,
         )  # fmt: skip
 
@@ -115,7 +131,7 @@ def _segments(ranges, step, beams, reach, found):
     start = 0  # at a break, so that no thing is cut in two
     while start < n:
         here, before = ranges[start * step], ranges[(start - 1) % n * step]
-        if here < reach and not abs(here - before) <= _JUMP + _JUMP_SLOPE * min(here, before):
+        if 0.0 < here < reach and not abs(here - before) <= _JUMP + _JUMP_SLOPE * min(here, before):
             break
         start += 1
     if start == n:
@@ -123,7 +139,7 @@ def _segments(ranges, step, beams, reach, found):
     count, b = 0, 0
     while b < n and count < len(found):
         first = (start + b) % n
-        if not ranges[first * step] < reach:
+        if not 0.0 < ranges[first * step] < reach:
             b += 1
             continue
         last, end = first, b
@@ -131,7 +147,7 @@ def _segments(ranges, step, beams, reach, found):
         for k in range(b + 1, n):
             index = (start + k) % n
             r, r_last = ranges[index * step], ranges[last * step]
-            if r < reach:
+            if 0.0 < r < reach:
                 if abs(r - r_last) > _JUMP + _JUMP_SLOPE * min(r, r_last):
                     break
                 sum_x += r * beams[index, 0]
@@ -143,9 +159,9 @@ def _segments(ranges, step, beams, reach, found):
         b = end + 1
         r_first, r_last = ranges[first * step], ranges[last * step]
         before, after = ranges[(first - 1) % n * step], ranges[(last + 1) % n * step]
-        if not before < reach:
+        if not 0.0 < before < reach:
             before = ranges[(first - 2) % n * step]
-        if not after < reach:
+        if not 0.0 < after < reach:
             after = ranges[(last + 2) % n * step]
         # A piece of wall between two nearer things would seem to move as the body does: only what is in front counts.
         if points < 2 or before < r_first or after < r_last:
@@ -157,7 +173,7 @@ def _segments(ranges, step, beams, reach, found):
             continue
         x, y = sum_x / points, sum_y / points
         away = math.sqrt(x * x + y * y)
-        deeper = 1.0 + _DEPTH * 0.5 * width / away
+        deeper = 1.0 + _DEPTH * 0.5 * width / max(away, 1e-6)
         found[count, 0], found[count, 1], found[count, 2] = x * deeper, y * deeper, max(0.5 * width, 0.1)
         count += 1
     return count
@@ -165,7 +181,7 @@ def _segments(ranges, step, beams, reach, found):
 
 @njit(cache=True, nogil=True)
 def _update(
-    rows, ranges, step, motions, fresh, beams, period, spacing, reach, tracks, odometry, since, found, taken
+    rows, ranges, step, motions, reaches, fresh, beams, period, spacing, tracks, odometry, since, found, taken
 ):  # fmt: skip
     for i in rows:
         pose = odometry[i]
@@ -182,7 +198,7 @@ def _update(
         if since[i] < spacing - 1e-6:
             continue
         dt, since[i] = since[i], 0.0
-        count = _segments(ranges[i], step, beams, reach, found)
+        count = _segments(ranges[i], step, beams, reaches[i], found)
         _follow(tracks[i], found[:count], pose, dt, taken)
 
 
@@ -260,17 +276,17 @@ def _features(rows, tracks, odometry, since, directions, body_radius, max_speed,
         rest[i, :] = 0.0
         rest[i, 0] = _urgency(here, count, 0.0, 0.0, body_radius[i])
         for slot in range(min(SLOTS, count)):
-            # The one that would be here first, were we to stand; what has been shown is moved out of the way.
-            best, soonest = -1, math.inf
+            # What will be nearest in a second, were we to stand; what has been shown has a certainty below 0.
+            best, nearest = -1, math.inf
             for k in range(count):
                 x, y = here[k, 0], here[k, 1]
                 if here[k, 5] < 0.0:
                     continue
                 away = math.sqrt(x * x + y * y)
                 closing = -(x * here[k, 2] + y * here[k, 3]) / max(away, 1e-6)
-                when = max(away - body_radius[i] - here[k, 4], 0.0) - 1.0 * closing
-                if when < soonest:
-                    best, soonest = k, when
+                gap = max(away - body_radius[i] - here[k, 4], 0.0) - closing
+                if gap < nearest:
+                    best, nearest = k, gap
             at = 1 + slot * SLOT_SIZE
             row = here[best]
             rest[i, at] = min(max(row[0] / POSITION_SCALE, -1.5), 1.5)

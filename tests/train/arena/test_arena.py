@@ -173,7 +173,7 @@ def test_every_policy_meets_the_same_episodes():
 
 def test_an_empty_scan_is_observed():
     always = replace(SMALL, imperfections=Imperfections(empty_scan=1.0))
-    for kind in ("paper", "compensated"):
+    for kind in ("paper", "tracked"):
         arena = Arena(always, ObservationConfig(kind=kind), 6, 0)
         observation = arena.reset()
         for action in random_actions(6, 10):

@@ -38,7 +38,7 @@ def test_its_movers_are_the_episodes_movers():
     np.testing.assert_array_equal(a.arena.gather("movers"), b.arena.gather("movers"))
 
 
-@pytest.mark.parametrize("kind", ["paper", "compensated"])
+@pytest.mark.parametrize("kind", ["paper", "tracked"])
 def test_the_benchmark_counts_decisions(kind):
     result = measure(CONFIG.of("dynamic"), Arguments(threads=1, rows=16, seconds=0.05, kind=kind))
     assert result["movers"] == 8
