@@ -86,6 +86,8 @@ class EpisodeResult:
     """Length of the shortest way for the body's footprint, moving obstacles left out [m]."""
     collided_with: str | None
     """Kind of what the robot touched, "wall" or "cart" for example."""
+    way: str | None
+    """The first of the world's ways to the goal that the robot entered; None if the world names none, or it did not."""
     metrics: Metrics
     real_time_factor: float
     """Simulated time over the loop's wall time, the whole loop in one process: physics, sensors and stack."""
@@ -165,6 +167,7 @@ class Episode:
 
         began = time.perf_counter()
         outcome: Outcome | None = None
+        way: str | None = None
         while outcome is None:
             command = navigator.step(scan, odometry)
             recorder.add(
@@ -177,6 +180,7 @@ class Episode:
             scan, odometry = simulation.step(command)
             to_goal = distance(simulation.true_pose, goal)
             outcome = self.judge(simulation)
+            way = way or self.world.way_of(simulation.true_pose)
             if progress is not None:
                 progress(simulation.time, to_goal)
         wall_time = time.perf_counter() - began
@@ -191,6 +195,7 @@ class Episode:
             duration=simulation.time,
             shortest_path=self.shortest_path,
             collided_with=simulation.contact,
+            way=way,
             metrics=recorder.finish(simulation.true_pose, simulation.clearance, success),
             real_time_factor=simulation.time / wall_time,
             wall_time=wall_time,

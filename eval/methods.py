@@ -11,7 +11,8 @@ from vuca_nav.mapping.slam import SlamConfig
 from vuca_nav.navigator import Navigator, NavigatorConfig
 from vuca_nav.policy.dwa import DynamicWindow
 from vuca_nav.policy.learned import LearnedPolicy, PolicyCritic
-from vuca_nav.policy.network import LEARNED_GATE, UNIFORM_GATE, WEIGHTS_FOLDER, Gate, load_weights
+from vuca_nav.policy.network import LEARNED_GATE, UNIFORM_GATE, Gate
+from vuca_nav.policy.weights_file import WEIGHTS_FOLDER, load_weights
 from vuca_nav.telemetry import Telemetry
 from vuca_nav.types import BodySpec, LidarSpec
 

@@ -43,6 +43,19 @@ SUITES: dict[str, Suite] = {
         range(25),
     ),
     "square": Suite("the open plaza with 24 moving obstacles, 50 seeds", (Task("square"),), range(50)),
+    "factory-4": Suite(
+        "the whole factory, all difficulties, 100 seeds", (Task("factory", 4),), range(1000, 1100)
+    ),
+    "crowd": Suite(
+        "the open plaza with 8, 16, 24 and 40 moving obstacles, 100 seeds each",
+        tuple(Task("square", movers=movers) for movers in (8, 16, 24, 40)),
+        range(1000, 1100),
+    ),
+    "branches": Suite(
+        "two ways to the goal, the short one with 0, 4, 8 and 12 moving obstacles, 50 seeds each",
+        tuple(Task("double_branch", movers=movers) for movers in (0, 4, 8, 12)),
+        range(1000, 1050),
+    ),
     "smoke": Suite(
         "factory region 1 and the square, with and without moving obstacles, 2 seeds each",
         (Task("factory", 1), Task("factory", 1, "V"), Task("square"), Task("square", without="V")),
