@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from safetensors.numpy import save_file
 
-from vuca_nav.policy.network import FORMAT
 from vuca_nav.policy.observation import ObservationConfig
+from vuca_nav.policy.weights_file import FORMAT
 
 PAPER = ObservationConfig()
 

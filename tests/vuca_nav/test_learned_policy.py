@@ -12,8 +12,9 @@ from vuca_nav.geometry import compose, inverse, transform_points
 from vuca_nav.navigator import Navigator, NavigatorConfig
 from vuca_nav.policy.base import LocalObservation, LocalPolicy
 from vuca_nav.policy.learned import BLIND_SHARE, LearnedPolicy, PolicyCritic
-from vuca_nav.policy.network import UNIFORM_GATE, load_weights
+from vuca_nav.policy.network import UNIFORM_GATE
 from vuca_nav.policy.observation import ObservationConfig, Observer, command_from_action, goal_features, limits_of
+from vuca_nav.policy.weights_file import load_weights
 from vuca_nav.telemetry import Telemetry
 from vuca_nav.types import STOP, LidarSpec, Odometry, Pose2, Scan, Twist2, VelocityCommand
 

@@ -8,8 +8,9 @@ from safetensors.numpy import save_file
 
 from tests.vuca_nav.random_policy import metadata, random_policy, random_tensors
 from vuca_nav.errors import BadArgument, BadWeights
-from vuca_nav.policy.network import UNIFORM_GATE, Gate, PolicyNetwork, load_weights
+from vuca_nav.policy.network import UNIFORM_GATE, Gate, PolicyNetwork
 from vuca_nav.policy.observation import ObservationConfig, goal_features
+from vuca_nav.policy.weights_file import load_weights
 
 
 def activate(x: np.ndarray, kind: str) -> np.ndarray:

@@ -22,7 +22,7 @@ from train.arena.evaluation import EpisodeRecords, Evaluation
 from train.navigation.networks import FusedActor
 from train.navigation.weights import actor_of
 from vuca_nav.errors import BadArgument
-from vuca_nav.policy.network import PolicyWeights, load_weights
+from vuca_nav.policy.weights_file import PolicyWeights, load_weights
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from torch import Tensor, nn
 
 from train.navigation.networks import FusedActor, NetworkConfig
 from vuca_nav.errors import BadArgument
-from vuca_nav.policy.network import FORMAT, PolicyWeights, load_weights
 from vuca_nav.policy.observation import ObservationConfig
+from vuca_nav.policy.weights_file import FORMAT, PolicyWeights, load_weights
 
 
 def export(

@@ -7,8 +7,9 @@ import numpy as np
 from vuca_nav.exploration.heuristic import SafetyCritic
 from vuca_nav.geometry import inverse, transform_points
 from vuca_nav.policy.base import LocalObservation, LocalPolicy
-from vuca_nav.policy.network import ACTION_SIZE, LEARNED_GATE, Gate, PolicyNetwork, PolicyWeights, Single
+from vuca_nav.policy.network import LEARNED_GATE, Gate, PolicyNetwork
 from vuca_nav.policy.observation import Observer, command_from_action, goal_features, limits_of
+from vuca_nav.policy.weights_file import ACTION_SIZE, PolicyWeights, Single
 from vuca_nav.telemetry import Telemetry
 from vuca_nav.types import STOP, BodySpec, FloatArray, LidarSpec, Pose2, VelocityCommand
 

@@ -10,8 +10,8 @@ from train.navigation.evaluate import EvaluateArguments, evaluate, knock_outs, m
 from train.navigation.networks import FusedActor, NetworkConfig, make_critic
 from train.navigation.weights import actor_of, export
 from vuca_nav.errors import BadArgument, BadWeights
-from vuca_nav.policy.network import load_weights
 from vuca_nav.policy.observation import ObservationConfig
+from vuca_nav.policy.weights_file import load_weights
 
 WORLD = ArenaConfig(layouts=2, pairs=4, num_bodies=2).of("static")
 SEEN = ObservationConfig(sectors=12)

@@ -10,8 +10,9 @@ from train.navigation.ppo import entropy
 from train.navigation.skills import SKILLS, skill_labels
 from train.navigation.weights import actor_of, export, find_sources, start_from
 from vuca_nav.errors import BadArgument, BadWeights
-from vuca_nav.policy.network import PolicyNetwork, load_weights
+from vuca_nav.policy.network import PolicyNetwork
 from vuca_nav.policy.observation import ObservationConfig, Observer
+from vuca_nav.policy.weights_file import load_weights
 from vuca_nav.types import BodySpec
 
 SMALL = ObservationConfig(sectors=6)
