@@ -18,8 +18,8 @@ class TrainArguments:
 
     what: tyro.conf.Positional[Literal["locomotion"]]
     """What to train: locomotion, a quadruped's gait. Navigation policies have settings of their own: see
-    vuca train go_straight --help; they are go_straight, obstacle_avoidance, single and fusion, each also with _plus
-    behind, and all."""
+    vuca train go_straight --help; they are go_straight, obstacle_avoidance, single, fusion, base_plus, single_plus and
+    fusion_plus, or all."""
     robot: str = "go2"
     """A quadruped's name."""
     out: Path | None = None

@@ -112,5 +112,6 @@ def find_stage(name: str) -> StageConfig:
 
 
 def from_scratch(stage: StageConfig) -> StageConfig:
-    """The same stage without anything to start from."""
-    return replace(stage, sources=(), ppo=replace(stage.ppo, critic_first=0, first_rate=_FIRST.first_rate))
+    """The same stage without anything to start from, and so without a gate that is taught while experts wait."""
+    ppo = replace(stage.ppo, critic_first=0, teach_gate=False, first_rate=_FIRST.first_rate)
+    return replace(stage, sources=(), ppo=ppo)
