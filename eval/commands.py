@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import sys
@@ -40,6 +41,10 @@ class RunArguments:
     """Start here instead [m, m, rad]."""
     goal: Annotated[tuple[float, float] | None, tyro.conf.arg(metavar="X Y")] = None
     """Go there instead [m]."""
+    policy: Annotated[Path | None, tyro.conf.arg(metavar="FILE.safetensors")] = None
+    """Drive by these weights instead of the method's own."""
+    gamma: Annotated[float | None, tyro.conf.arg(metavar="G")] = None
+    """Weight of the safety term, for a method that has one."""
     record: Annotated[Path | None, tyro.conf.arg(metavar="FILE.rrd")] = None
     """Record the run for the Rerun viewer."""
     spawn: bool = False
@@ -78,8 +83,42 @@ class EvalArguments:
     """A method's name; by default the best there is."""
     robot: str = "tiago"
     """A robot's name."""
+    policy: Annotated[Path | None, tyro.conf.arg(metavar="FILE.safetensors")] = None
+    """Drive by these weights instead of the method's own."""
+    gamma: Annotated[float | None, tyro.conf.arg(metavar="G")] = None
+    """Weight of the safety term, for a method that has one."""
     json: bool = False
     """End with one JSON object on stdout, the summary."""
+
+
+@dataclass(frozen=True)
+class HeatmapArguments:
+    """Draw what the critic makes of every place around the robot as a goal, V^h, at one moment of a run."""
+
+    out: Path
+    """The picture, a PNG file."""
+    at: float = 20.0
+    """Moment of the run [s]; if it is over earlier, its last one."""
+    world: str = "factory"
+    """A world's name (see vuca list worlds), or a scene file ending in .yaml."""
+    region: Annotated[int | None, tyro.conf.arg(metavar="K")] = None
+    """How many quarters of the factory, 1 to 4."""
+    robot: str = "tiago"
+    """A robot's name (see vuca list robots)."""
+    method: Annotated[str, tyro.conf.arg(metavar="NAME")] = "ours"
+    """A method with a learned policy: it drives, and its critic is asked."""
+    seed: int = 0
+    """Of the world, its moving obstacles and the sensors' noise."""
+    without: str = ""
+    """Difficulties left out: V moving obstacles, U the map unknown, C corridors, A noise of the sensors."""
+    policy: Annotated[Path | None, tyro.conf.arg(metavar="FILE.safetensors")] = None
+    """Drive by these weights instead of the method's own."""
+    half_side: float = 8.0
+    """Of the square that is drawn [m]."""
+    resolution: float = 0.1
+    """Between two places asked about [m]."""
+    json: bool = False
+    """End with one JSON object on stdout."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +148,8 @@ def run(argv: list[str]) -> int:
         movers=arguments.movers,
         start=arguments.start,
         goal=arguments.goal,
+        policy=_text(arguments.policy),
+        gamma=arguments.gamma,
     )
     episode = Episode(config)
     telemetry = _open_telemetry(arguments, f"{config.world}, {config.robot}, {config.method}, seed {config.seed}")
@@ -143,14 +184,22 @@ def eval_(argv: list[str]) -> int:
     if arguments.workers is not None and arguments.workers < 1:
         raise BadArgument(f"--workers must be 1 or more, got {arguments.workers}")
     from eval.evaluate import evaluate
-    from eval.methods import BEST
+    from eval.methods import BEST, GAMMA, find_method
     from eval.suites import episodes_of, find_suite, parse_seeds
     from eval.summary import table
 
     suite = find_suite(arguments.suite)
     seeds = suite.seeds if arguments.seeds is None else parse_seeds(arguments.seeds)
     method = arguments.method or BEST
-    configs = episodes_of(suite, robot=arguments.robot, method=method, seeds=seeds, limit=arguments.episodes)
+    configs = episodes_of(
+        suite,
+        robot=arguments.robot,
+        method=method,
+        seeds=seeds,
+        limit=arguments.episodes,
+        policy=_text(arguments.policy),
+        gamma=arguments.gamma,
+    )
     identity = {
         "suite": arguments.suite,
         "robot": arguments.robot,
@@ -159,6 +208,13 @@ def eval_(argv: list[str]) -> int:
         "episodes": len(configs),
         "tasks": [asdict(task) for task in suite.tasks],
     }
+    learned = find_method(method, policy=_text(arguments.policy), gamma=arguments.gamma).learned
+    if learned is not None:  # other weights of the same name, or another default of gamma, are another evaluation
+        weights = arguments.policy or learned.path
+        identity["policy"] = str(arguments.policy or learned.weights)
+        identity["sha256"] = hashlib.sha256(weights.read_bytes()).hexdigest()
+        if learned.safety:
+            identity["gamma"] = GAMMA if arguments.gamma is None else arguments.gamma
     workers = arguments.workers or len(os.sched_getaffinity(0))
     evaluation = evaluate(identity, configs, arguments.out, workers=workers)
     print(table(evaluation.groups, evaluation.total))
@@ -167,6 +223,30 @@ def eval_(argv: list[str]) -> int:
         print(f"vuca eval: crashed: {crash.error} in {crash.config}", file=sys.stderr)
     _print_json(json.loads((arguments.out / "summary.json").read_text()), arguments.json)
     return 1 if evaluation.crashes else 0
+
+
+def heatmap(argv: list[str]) -> int:
+    """Draw what the critic makes of every place around the robot as a goal."""
+    arguments = parse(HeatmapArguments, "heatmap", argv)
+    from eval.episode import EpisodeConfig
+    from eval.heatmap import draw, view_at
+    from eval.progress import ProgressLine
+
+    config = EpisodeConfig(
+        world=arguments.world,
+        region=arguments.region,
+        robot=arguments.robot,
+        method=arguments.method,
+        seed=arguments.seed,
+        without=arguments.without,
+        policy=_text(arguments.policy),
+    )
+    with ProgressLine(sys.stderr) as progress:
+        view = view_at(config, arguments.at, arguments.half_side, arguments.resolution, progress)
+    draw(view, arguments.out)
+    print(f"V^h from {view.least:.3f} to {view.greatest:.3f} at {view.time:.2f} s: {arguments.out}")
+    _print_json(view.row() | {"out": str(arguments.out)}, arguments.json)
+    return 0
 
 
 def bench(argv: list[str]) -> int:
@@ -189,6 +269,10 @@ def _open_telemetry(arguments: RunArguments, title: str) -> RerunTelemetry | Non
     if arguments.record is not None:
         return RerunTelemetry.record(arguments.record, title=title)
     return RerunTelemetry.spawn(title=title) if arguments.spawn else RerunTelemetry.serve(title=title)
+
+
+def _text(path: Path | None) -> str | None:
+    return None if path is None else str(path)
 
 
 def _names(what: str) -> dict[str, str]:

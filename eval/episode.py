@@ -18,7 +18,7 @@ from vuca_nav.errors import BadArgument
 from vuca_nav.geometry import distance, wrap_angle
 from vuca_nav.navigator import Navigator
 from vuca_nav.telemetry import Telemetry
-from vuca_nav.types import Pose2
+from vuca_nav.types import Odometry, Pose2, Scan
 from worlds.checks import check_task
 from worlds.registry import make_world, ordered_difficulties
 from worlds.shortest_path import time_limit
@@ -50,11 +50,17 @@ class EpisodeConfig:
     """Instead of the world's own: x [m], y [m], yaw [rad]."""
     goal: tuple[float, float] | None = None
     """Instead of the world's own [m]."""
+    policy: str | None = None
+    """Weights file of the local policy instead of the method's own."""
+    gamma: float | None = None
+    """Weight of the safety term instead of the method's own."""
 
     def __post_init__(self) -> None:
-        """Raises BadArgument for a negative seed, an unknown difficulty, or a start or goal that is not finite."""
+        """Raises BadArgument for a negative seed or gamma, an unknown difficulty, a start or goal not finite."""
         if self.seed < 0:
             raise BadArgument(f"the seed must be 0 or more, got {self.seed}")
+        if self.gamma is not None and not 0.0 <= self.gamma < math.inf:
+            raise BadArgument(f"--gamma must be 0 or more, got {self.gamma}")
         for name, numbers in (("start", self.start), ("goal", self.goal)):
             for number in numbers or ():
                 if not math.isfinite(number):
@@ -80,6 +86,8 @@ class EpisodeResult:
     """Length of the shortest way for the body's footprint, moving obstacles left out [m]."""
     collided_with: str | None
     """Kind of what the robot touched, "wall" or "cart" for example."""
+    way: str | None
+    """The first of the world's ways to the goal that the robot entered; None if the world names none, or it did not."""
     metrics: Metrics
     real_time_factor: float
     """Simulated time over the loop's wall time, the whole loop in one process: physics, sensors and stack."""
@@ -110,7 +118,7 @@ class Episode:
     def __init__(self, config: EpisodeConfig):
         began = time.perf_counter()
         self.config = config
-        self.method = find_method(config.method)
+        self.method = find_method(config.method, policy=config.policy, gamma=config.gamma)
         self.body = make_body(config.robot)
         self.world = _make_task(config, self.body.spec.radius)
         self.shortest_path = check_task(self.world, self.body.spec.radius)
@@ -130,8 +138,18 @@ class Episode:
             perfect_odometry=not ambiguous,
         )
         localisation = "slam" if ambiguous else "odometry"
-        request = StackRequest(self.body.spec, self.body.lidar, localisation, telemetry)
+        request = StackRequest(
+            self.body.spec, self.body.lidar, localisation, telemetry, self.config.policy, self.config.gamma
+        )
         return simulation, self.method.build(request)
+
+    def begin(self, telemetry: Telemetry) -> tuple[Simulation, Navigator, Scan, Odometry]:
+        """Both sides ready for the first step, and what the robot senses at first."""
+        simulation, navigator = self.build(telemetry)
+        scan, odometry = simulation.reset()
+        prior_map = rasterise(self.world) if "U" in self.config.without else None
+        navigator.reset(self.world.start, self.world.goal, prior_map)
+        return simulation, navigator, scan, odometry
 
     def run(self, telemetry: Telemetry | None = None, progress: Progress | None = None) -> EpisodeResult:
         """Drive until success, collision, fall or timeout.
@@ -142,17 +160,14 @@ class Episode:
         """
         began = time.perf_counter()
         telemetry = telemetry or Telemetry()
-        start, goal = self.world.start, self.world.goal
-        simulation, navigator = self.build(telemetry)
-        scan, odometry = simulation.reset()
-        given = "U" in self.config.without
-        prior_map = rasterise(self.world) if given else None
-        navigator.reset(start, goal, prior_map)
-        recorder = MetricsRecorder(start, goal, self.shortest_path)
+        goal = self.world.goal
+        simulation, navigator, scan, odometry = self.begin(telemetry)
+        recorder = MetricsRecorder(self.world.start, goal, self.shortest_path)
         set_up_time = self._set_up_time + time.perf_counter() - began
 
         began = time.perf_counter()
         outcome: Outcome | None = None
+        way: str | None = None
         while outcome is None:
             command = navigator.step(scan, odometry)
             recorder.add(
@@ -164,7 +179,8 @@ class Episode:
             )
             scan, odometry = simulation.step(command)
             to_goal = distance(simulation.true_pose, goal)
-            outcome = self._judge(simulation, to_goal)
+            outcome = self.judge(simulation)
+            way = way or self.world.way_of(simulation.true_pose)
             if progress is not None:
                 progress(simulation.time, to_goal)
         wall_time = time.perf_counter() - began
@@ -179,19 +195,20 @@ class Episode:
             duration=simulation.time,
             shortest_path=self.shortest_path,
             collided_with=simulation.contact,
+            way=way,
             metrics=recorder.finish(simulation.true_pose, simulation.clearance, success),
             real_time_factor=simulation.time / wall_time,
             wall_time=wall_time,
             set_up_time=set_up_time,
         )
 
-    def _judge(self, simulation: Simulation, to_goal: float) -> Outcome | None:
+    def judge(self, simulation: Simulation) -> Outcome | None:
         """How the episode ended, None while it goes on. Touching something in the last step still counts."""
         if simulation.contact is not None:
             return "collision"
         if simulation.fallen:
             return "fall"
-        if to_goal <= GOAL_TOLERANCE:
+        if distance(simulation.true_pose, self.world.goal) <= GOAL_TOLERANCE:
             return "success"
         return "timeout" if simulation.time >= self.timeout else None
 

@@ -1,15 +1,23 @@
 """The methods that can be put in an episode, by name."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Literal
 
-from vuca_nav.errors import UnknownName
+from vuca_nav.errors import BadArgument, UnknownName
+from vuca_nav.exploration.explorer import ExplorerConfig
 from vuca_nav.mapping.slam import SlamConfig
 from vuca_nav.navigator import Navigator, NavigatorConfig
 from vuca_nav.policy.dwa import DynamicWindow
+from vuca_nav.policy.learned import LearnedPolicy, PolicyCritic
+from vuca_nav.policy.network import LEARNED_GATE, UNIFORM_GATE, Gate
+from vuca_nav.policy.weights_file import WEIGHTS_FOLDER, load_weights
 from vuca_nav.telemetry import Telemetry
 from vuca_nav.types import BodySpec, LidarSpec
+
+GAMMA = 0.5
+"""Weight of V^h against D^h where nobody asks for another."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,6 +29,10 @@ class StackRequest:
     localisation: Literal["slam", "odometry"]
     """"odometry" where the odometry is the true pose (``--without A``)."""
     telemetry: Telemetry
+    policy: str | None = None
+    """Weights file instead of the method's own."""
+    gamma: float | None = None
+    """Of the safety term instead of the method's own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,31 +41,107 @@ class Method:
 
     description: str
     build: Callable[[StackRequest], Navigator]
+    learned: "Learned | None" = None
+    """What drives it, if that is learned."""
+
+
+@dataclass(frozen=True, slots=True)
+class Learned:
+    """A navigator with a learned local policy under our cerebrum."""
+
+    weights: str
+    """Name of its file in ``WEIGHTS_FOLDER``."""
+    gate: Gate = LEARNED_GATE
+    safety: bool = False
+    """Whether the policy's critic rates the frontiers, V^h, beside D^h."""
+
+    @property
+    def path(self) -> Path:
+        """Of its weights file."""
+        return WEIGHTS_FOLDER / f"{self.weights}.safetensors"
+
+    def build(self, request: StackRequest) -> Navigator:
+        """The whole stack.
+
+        Raises:
+            VucaError: The weights cannot be used.
+        """
+        body, lidar, telemetry = request.body, request.lidar, request.telemetry
+        weights = load_weights(self.path if request.policy is None else Path(request.policy))
+        policy = LearnedPolicy(body, lidar, weights, self.gate, telemetry)
+        config = _config(request)
+        if not self.safety:
+            return Navigator(body, lidar, policy, config, telemetry)
+        gamma = GAMMA if request.gamma is None else request.gamma
+        config = replace(config, explorer=ExplorerConfig(gamma=gamma))
+        return Navigator(body, lidar, policy, config, telemetry, PolicyCritic(policy))
+
+
+def _config(request: StackRequest) -> NavigatorConfig:
+    return NavigatorConfig(slam=SlamConfig(localisation=request.localisation))
 
 
 def _dwa_dh(request: StackRequest) -> Navigator:
-    return Navigator(
-        request.body,
-        request.lidar,
-        DynamicWindow(request.body, request.lidar),
-        NavigatorConfig(slam=SlamConfig(localisation=request.localisation)),
-        request.telemetry,
-    )
+    window = DynamicWindow(request.body, request.lidar)
+    return Navigator(request.body, request.lidar, window, _config(request), request.telemetry)
 
+
+def _learned(description: str, weights: str, gate: Gate = LEARNED_GATE, safety: bool = False) -> Method:
+    learned = Learned(weights, gate, safety)
+    return Method(description, learned.build, learned)
+
+
+ALL: dict[str, Method] = {
+    "dwa-dh": Method("SLAM, frontier exploration by D^h and waypoints, over a dynamic window controller", _dwa_dh),
+    "ours": _learned("the full system: fused policy, frontiers by D^h and V^h", "fusion", safety=True),
+    "ours-dh": _learned("the full system without V^h", "fusion"),
+    "go-straight": _learned("stage 1's expert for going straight alone, D^h", "go_straight"),
+    "obstacle-avoidance": _learned("stage 1's expert for avoiding obstacles alone, D^h", "obstacle_avoidance"),
+    "single": _learned("one network trained like the fused one, D^h", "single"),
+    "fusion": _learned("the fused policy as in the paper, D^h", "fusion"),
+    "fusion-uniform": _learned("the fused policy, every expert with the same share, D^h", "fusion", UNIFORM_GATE),
+    "fusion+": _learned("a fused policy that sees past scans carried along by odometry, D^h", "fusion_plus"),
+    "ours+": _learned("the same with V^h", "fusion_plus", safety=True),
+    "single+": _learned("one network that sees what fusion+ sees, D^h", "single_plus"),
+    **{
+        f"fusion-without-{n}": _learned(f"the fused policy without its expert {n}, D^h", "fusion", Gate(without=n))
+        for n in range(4)
+    },
+}
+"""All there are to be; one whose weights are not shipped runs with a weights file of one's own only."""
 
 METHODS: dict[str, Method] = {
-    "dwa-dh": Method("SLAM, frontier exploration by D^h and waypoints, over a dynamic window controller", _dwa_dh),
+    name: method for name, method in ALL.items() if method.learned is None or method.learned.path.is_file()
 }
 BEST = "dwa-dh"
 """What runs when no method is named."""
 
 
-def find_method(name: str) -> Method:
+def find_method(name: str, *, policy: str | None = None, gamma: float | None = None) -> Method:
     """The method of that name.
+
+    Args:
+        name: Among ``METHODS``, or with a weights file among ``ALL``.
+        policy: A weights file for it.
+        gamma: A weight of the safety term for it.
 
     Raises:
         UnknownName: There is none.
+        BadArgument: It has no use for a weights file, or for gamma.
+        BadWeights: The weights file cannot be used.
     """
-    if name not in METHODS:
-        raise UnknownName("method", name, METHODS)
-    return METHODS[name]
+    methods = METHODS if policy is None else ALL
+    if name not in methods:
+        raise UnknownName("method", name, methods)
+    method = methods[name]
+    if policy is not None and method.learned is None:
+        raise BadArgument(f"method {name!r} drives by no weights; --policy goes with: {_names(safety=False)}")
+    if gamma is not None and not (method.learned and method.learned.safety):
+        raise BadArgument(f"method {name!r} has no safety term; --gamma goes with: {_names(safety=True)}")
+    if policy is not None:
+        load_weights(Path(policy))
+    return method
+
+
+def _names(*, safety: bool) -> str:
+    return ", ".join(name for name, m in ALL.items() if m.learned is not None and (m.learned.safety or not safety))

@@ -43,6 +43,19 @@ SUITES: dict[str, Suite] = {
         range(25),
     ),
     "square": Suite("the open plaza with 24 moving obstacles, 50 seeds", (Task("square"),), range(50)),
+    "factory-4": Suite(
+        "the whole factory, all difficulties, 100 seeds", (Task("factory", 4),), range(1000, 1100)
+    ),
+    "crowd": Suite(
+        "the open plaza with 8, 16, 24 and 40 moving obstacles, 100 seeds each",
+        tuple(Task("square", movers=movers) for movers in (8, 16, 24, 40)),
+        range(1000, 1100),
+    ),
+    "branches": Suite(
+        "two ways to the goal, the short one with 0, 4, 8 and 12 moving obstacles, 50 seeds each",
+        tuple(Task("double_branch", movers=movers) for movers in (0, 4, 8, 12)),
+        range(1000, 1050),
+    ),
     "smoke": Suite(
         "factory region 1 and the square, with and without moving obstacles, 2 seeds each",
         (Task("factory", 1), Task("factory", 1, "V"), Task("square"), Task("square", without="V")),
@@ -81,6 +94,8 @@ def episodes_of(
     method: str = BEST,
     seeds: Iterable[int] | None = None,
     limit: int | None = None,
+    policy: str | None = None,
+    gamma: float | None = None,
 ) -> tuple[EpisodeConfig, ...]:
     """All episodes of a suite, the first seed of every task before the second.
 
@@ -90,17 +105,21 @@ def episodes_of(
         method: A method's name.
         seeds: Instead of the suite's own.
         limit: Only the first so many episodes.
+        policy: A weights file instead of the method's own.
+        gamma: Of the safety term instead of the method's own.
 
     Raises:
-        VucaError: There is no such robot or method, or the limit is not positive.
+        VucaError: There is no such robot, method or weights file, or the limit is not positive.
     """
     if robot not in ROBOTS:
         raise UnknownName("robot", robot, ROBOTS)
-    find_method(method)
+    find_method(method, policy=policy, gamma=gamma)
     if limit is not None and limit < 1:
         raise BadArgument(f"--episodes must be 1 or more, got {limit}")
     every = tuple(
-        EpisodeConfig(task.world, task.region, robot, method, seed, task.without, task.movers)
+        EpisodeConfig(
+            task.world, task.region, robot, method, seed, task.without, task.movers, policy=policy, gamma=gamma
+        )
         for seed in (suite.seeds if seeds is None else seeds)
         for task in suite.tasks
     )

@@ -1,5 +1,6 @@
 """From rows to a summary: rates with 95% intervals and means, a group for each thing compared."""
 
+from collections import Counter
 from collections.abc import Sequence
 
 from eval.episode import OUTCOMES
@@ -58,7 +59,12 @@ def statistics_of(rows: Sequence[Row]) -> Row:
         outcome: {"count": k, "rate": k / n if n else None, "interval": list(wilson_interval(k, n))}
         for outcome, k in counts.items()
     }
-    return {"n": n, **rates, **{name: mean(row[name] for row in rows) for name in MEANS}}
+    taken = [row["way"] for row in rows if row.get("way") is not None]
+    ways = {
+        way: {"count": k, "rate": k / len(taken), "interval": list(wilson_interval(k, len(taken)))}
+        for way, k in sorted(Counter(taken).items())
+    }
+    return {"n": n, **rates, "ways": ways, **{name: mean(row[name] for row in rows) for name in MEANS}}
 
 
 def table(groups: Sequence[Row], total: Row) -> str:

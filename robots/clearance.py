@@ -129,3 +129,90 @@ def _segment_meets_box(ax, ay, bx, by, half_x, half_y):
         return False
     nx, ny = ay - by, bx - ax
     return abs(nx * ax + ny * ay) <= abs(nx) * half_x + abs(ny) * half_y
+
+
+@njit(cache=True, nogil=True)
+def overlaps_batch(
+    rows, poses, footprints, corners, radii, heights, static, layout, first, distance, grid_shape, grids,
+    parts, part_poses, num_parts, hit, moved,
+):  # fmt: skip
+    """The first tick at which each robot's footprint overlaps anything, by the rule of ``FootprintClearance``.
+
+    Args:
+        rows: Which robots, (k,).
+        poses: x, y, yaw of base_link at each tick, (n, ticks, 3) [m, rad].
+        footprints: Convex outlines in base_link, counter-clockwise, (n, c, 2) [m].
+        corners: How many corners each has, (n,).
+        radii: Of the circles about base_link that hold them, (n,) [m].
+        heights: Of the robots [m], (n,).
+        static: Columns of what stands still in all layouts, as ``worlds.level_scan.level_columns`` gives them, (s, 10).
+        layout: Of each robot, (n,).
+        first: Where a layout's shapes begin in ``static``, and where the last one's end, (layouts + 1,).
+        distance: To what stands still, on all layouts' grids, one after the other, (cells,) [m].
+        grid_shape: Where each layout's begins, its rows and its columns, (layouts, 3).
+        grids: Origin and resolution of each layout's grid, (layouts, 3) [m].
+        parts: Columns of the movers' parts, (n, p, 10); their poses are taken from ``part_poses``.
+        part_poses: x, y, cos, sin in the world at each tick, (n, ticks, p, 4) [m].
+        num_parts: (n,).
+        hit: Output: the tick, -1 if there is none, (n,).
+        moved: Scratch, (c, 2).
+    """
+    for r in range(len(rows)):
+        i = rows[r]
+        hit[i] = -1
+        place, radius, height = layout[i], radii[i], heights[i]
+        footprint = footprints[i, : corners[i]]
+        begin, height_cells, width = grid_shape[place]
+        x0, y0, resolution = grids[place]
+        for t in range(poses.shape[1]):
+            x, y, yaw = poses[i, t]
+            cos, sin = math.cos(yaw), math.sin(yaw)
+            row = min(max(int((y - y0) / resolution), 0), height_cells - 1)
+            column = min(max(int((x - x0) / resolution), 0), width - 1)
+            touched = False
+            # The field is exact at the cells' centres: half a diagonal away it is off by no more than that.
+            if distance[begin + row * width + column] - 0.7072 * resolution < radius:
+                for s in range(first[place], first[place + 1]):
+                    shape = static[s]
+                    if shape[8] < height and shape[9] > 0.0 and _overlaps(
+                        x - shape[0], y - shape[1], shape[2], shape[3], shape[4], shape[5], shape[6] != 0.0, shape[7],
+                        cos, sin, footprint, radius, moved,
+                    ):  # fmt: skip
+                        touched = True
+                        break
+            for p in range(0 if touched else num_parts[i]):
+                shape = parts[i, p]
+                dx, dy, reach = x - part_poses[i, t, p, 0], y - part_poses[i, t, p, 1], radius + shape[7]
+                if dx * dx + dy * dy >= reach * reach or shape[8] >= height or shape[9] <= 0.0:
+                    continue
+                if _overlaps(
+                    dx, dy, part_poses[i, t, p, 2], part_poses[i, t, p, 3], shape[4], shape[5], shape[6] != 0.0,
+                    shape[7], cos, sin, footprint, radius, moved,
+                ):  # fmt: skip
+                    touched = True
+                    break
+            if touched:
+                hit[i] = t
+                break
+
+
+@njit(cache=True, nogil=True)
+def _overlaps(
+    dx, dy, cos, sin, half_x, half_y, is_cylinder, bound, base_cos, base_sin, footprint, radius, moved
+):  # fmt: skip
+    """Whether the footprint overlaps a shape; dx, dy: from the shape's centre to base_link."""
+    reach = radius + bound
+    if dx * dx + dy * dy >= reach * reach:
+        return False
+    if is_cylinder:
+        qx, qy = -(base_cos * dx + base_sin * dy), -(base_cos * dy - base_sin * dx)
+        return _point_to_polygon(qx, qy, footprint) < half_x
+    px, py = cos * dx + sin * dy, cos * dy - sin * dx
+    if abs(px) - half_x >= radius or abs(py) - half_y >= radius:
+        return False
+    turn_cos, turn_sin = cos * base_cos + sin * base_sin, cos * base_sin - sin * base_cos
+    for k in range(len(footprint)):
+        fx, fy = footprint[k, 0], footprint[k, 1]
+        moved[k, 0] = px + turn_cos * fx - turn_sin * fy
+        moved[k, 1] = py + turn_sin * fx + turn_cos * fy
+    return _polygon_to_box(moved[: len(footprint)], half_x, half_y) <= 0.0

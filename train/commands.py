@@ -16,7 +16,9 @@ class TrainArguments:
     """Train a policy from scratch; interrupted, go on with --resume."""
 
     what: tyro.conf.Positional[Literal["locomotion"]]
-    """What to train: locomotion, a quadruped's gait."""
+    """What to train: locomotion, a quadruped's gait. Navigation policies have settings of their own: see
+    vuca train go_straight --help; they are go_straight, obstacle_avoidance, single, fusion, base_plus, single_plus and
+    fusion_plus, or all."""
     robot: str = "go2"
     """A quadruped's name."""
     out: Path | None = None
@@ -31,7 +33,11 @@ class TrainArguments:
 
 
 def train(argv: list[str]) -> int:
-    """Train a gait: PPO over batched MuJoCo, to weights a mission can load."""
+    """Train a gait over batched MuJoCo or a navigation policy in the batched arena, to weights a mission can load."""
+    if argv and not argv[0].startswith("-") and argv[0] != "locomotion":
+        from train.navigation.commands import train_navigation
+
+        return train_navigation(argv[0], argv[1:])
     arguments = parse(TrainArguments, "train", argv)
     if arguments.steps is not None and arguments.steps < 1:
         raise BadArgument(f"--steps must be 1 or more, got {arguments.steps}")

@@ -19,12 +19,12 @@ Arguments = TypeVar("Arguments")
 
 GROUP = "vuca.commands"
 EXTRA_OF_MODULE = {
+    "PIL": "sim",
     "collada": "sim",
     "dm_control": "sim",
     "jsonschema": "sim",
     "matplotlib": "train",
     "mujoco": "sim",
-    "safetensors": "sim",
     "tensorboard": "train",
     "tensordict": "train",
     "torch": "train",

@@ -31,3 +31,7 @@ class BadWorld(VucaError):
 
 class BadArgument(VucaError):
     """An argument out of its range, or one that does not go with another."""
+
+
+class BadWeights(VucaError):
+    """A weights file that is missing or broken, or does not belong to what it is asked for."""

@@ -1,20 +1,20 @@
 """The stack: ``Navigator.step(scan, odometry) -> VelocityCommand``, each stage at its rate (Section III-A)."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from vuca_nav.errors import BadArgument
 from vuca_nav.exploration.explorer import Explorer, ExplorerConfig
 from vuca_nav.exploration.heuristic import NoCritic, SafetyCritic
-from vuca_nav.geometry import compose, distance
+from vuca_nav.geometry import between, compose, distance
 from vuca_nav.mapping.grid import OccupancyGrid
 from vuca_nav.mapping.slam import Slam, SlamConfig
 from vuca_nav.planning.costmap import Costmap, CostmapConfig
 from vuca_nav.planning.paths import PathField
 from vuca_nav.planning.waypoints import farthest_free_waypoint
-from vuca_nav.policy.base import LocalObservation, LocalPolicy
+from vuca_nav.policy.base import STANDING, LocalObservation, LocalPolicy
 from vuca_nav.telemetry import Telemetry
 from vuca_nav.types import STOP, BodySpec, FloatArray, LidarSpec, Odometry, Pose2, Scan, VelocityCommand
 
@@ -119,6 +119,7 @@ class Navigator:
         self._waypoint = (start.x, start.y)
         self._moved_from = start
         self._moved_tick = 0
+        self._odom_from_before: Pose2 | None = None
 
     def step(self, scan: Scan, odometry: Odometry) -> VelocityCommand:
         """One tick: localise and map; explore and plan when due; command.
@@ -135,21 +136,31 @@ class Navigator:
         pose = estimate.map_from_base
         telemetry.estimated_pose(pose, compose(self.start, odometry.odom_from_base))
         telemetry.scan(scan, estimate.points_in_map)
+        seen = self._observation(scan, odometry, pose)
+        self.policy.look(seen)
         self._cerebrum(scan.stamp, pose)
         config = self.config
         self.arrived = distance(pose, self.goal) < (config.goal_slack if self.arrived else config.goal_tolerance)
-        command = STOP if self.arrived or not len(self._path_in_map) else self._cerebellum(scan, odometry, pose)
+        command = STOP if self.arrived or not len(self._path_in_map) else self._cerebellum(seen, pose)
         telemetry.command(command)
         self._tick += 1
         return command
 
-    def _cerebellum(self, scan: Scan, odometry: Odometry, pose: Pose2) -> VelocityCommand:
+    def _observation(self, scan: Scan, odometry: Odometry, pose: Pose2) -> LocalObservation:
+        """What the local policy may look at, with the waypoint as it is before the cerebrum reconsiders it."""
+        last, self._odom_from_before = self._odom_from_before, odometry.odom_from_base
+        motion = STANDING if last is None else between(last, odometry.odom_from_base)
+        is_final = self._waypoint == self.goal
+        return LocalObservation(scan, self._waypoint_in_base(pose), is_final, odometry.twist, motion)
+
+    def _cerebellum(self, seen: LocalObservation, pose: Pose2) -> VelocityCommand:
+        is_final = self._waypoint == self.goal
+        return self.policy.command(replace(seen, waypoint_in_base=self._waypoint_in_base(pose), is_final=is_final))
+
+    def _waypoint_in_base(self, pose: Pose2) -> tuple[float, float]:
         c, s = math.cos(pose.yaw), math.sin(pose.yaw)
         dx, dy = self._waypoint[0] - pose.x, self._waypoint[1] - pose.y
-        waypoint_in_base = (c * dx + s * dy, -s * dx + c * dy)
-        return self.policy.command(
-            LocalObservation(scan, waypoint_in_base, self._waypoint == self.goal, odometry.twist)
-        )
+        return c * dx + s * dy, -s * dx + c * dy
 
     def _cerebrum(self, now: float, pose: Pose2) -> None:
         """Explore and plan, if it is time or there is cause."""
@@ -178,7 +189,7 @@ class Navigator:
             reason = "no path leads to the target"
         if reason is not None or target is None:
             before = target.point if target is not None else None
-            target = self.explorer.choose(now, grid, costmap, paths)
+            target = self.explorer.choose(now, grid, costmap, paths, pose)
             if target is not None and target.point != before:
                 what = "the goal" if target.is_goal else f"({target.point[0]:.1f}, {target.point[1]:.1f})"
                 telemetry.event(f"{reason}: now heading for {what}")

@@ -4,7 +4,7 @@ The stack and the simulation call these unconditionally; nothing in them asks wh
 Arguments are borrowed: an implementation that keeps an array copies it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -116,6 +116,16 @@ class Telemetry:
 
     def command(self, command: VelocityCommand) -> None:
         """What the local policy asks of the body."""
+
+    def gate(self, shares: FloatArray) -> None:
+        """Shares of the local policy's experts in the command of this tick, (E,); they add up to 1."""
+
+    def safety(self, rate: Callable[[FloatArray], FloatArray]) -> None:
+        """The critic can be asked now, at a decision of the explorer.
+
+        Args:
+            rate: Gives V^h (n,) of points (n, 2) in the map [m]; valid until this returns.
+        """
 
     def event(self, text: str, level: str = "INFO") -> None:
         """Something an engineer will look for: a trigger, a recovery, a collision.

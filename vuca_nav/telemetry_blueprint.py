@@ -82,6 +82,9 @@ SERIES: tuple[tuple[str, str, Colour], ...] = (
 )
 """Entity path, name and colour of each curve."""
 
+EXPERT_COLOURS: tuple[Colour, ...] = ((90, 170, 255), (60, 200, 130), (255, 150, 60), (235, 90, 170))
+"""Of the curves of the experts' shares; a fifth has the first's again."""
+
 LEGEND = f"""
 **What the robot knows**: its own map from above; white is free, black occupied, grey not seen yet.
 **What is true** is the simulator's scene, riding with the robot, which never gets to see it.
@@ -116,17 +119,19 @@ _NARROWEST = 0.85
 """Width over height down to which the view from above still shows the whole scene; in a window of 16:10 it has 0.93."""
 
 
-def blueprint(bounds: Bounds | None) -> rrb.Blueprint:
+def blueprint(bounds: Bounds | None, *, gate: bool = False, safety: bool = False) -> rrb.Blueprint:
     """The layout of the panels.
 
     Args:
         bounds: What the view from above must show; None if there is no true scene, as on a robot: the views
             then follow the estimate.
+        gate: Whether there are shares of experts to plot.
+        safety: Whether there are maps of the critic's safety value.
     """
     known = rrb.Spatial3DView(
         name="What the robot knows (its own map, from above)",
         origin="/",
-        contents=["+ /map/**", "+ /world/goal/**"],
+        contents=["+ /map/**", "+ /world/goal/**", "- /map/safety/**"],
         background=(UNSEEN, UNSEEN, UNSEEN),
         line_grid=rrb.LineGrid3D(visible=False),
         eye_controls=_eye_above(bounds),
@@ -134,7 +139,7 @@ def blueprint(bounds: Bounds | None) -> rrb.Blueprint:
     true = rrb.Spatial3DView(
         name="What is true (the scene, riding with the robot)" if bounds else "Riding with the robot",
         origin="/map/estimate" if bounds is None else "/world/robot/base",
-        contents=["+ /world/**", "+ /map/**", "- /map/frontiers/**"],
+        contents=["+ /world/**", "+ /map/**", "- /map/frontiers/**", "- /map/safety/**"],
         background=(30, 32, 38),
         line_grid=rrb.LineGrid3D(visible=False),
         eye_controls=rrb.EyeControls3D(
@@ -144,6 +149,15 @@ def blueprint(bounds: Bounds | None) -> rrb.Blueprint:
             eye_up=(0.0, 0.0, 1.0),
         ),
     )
+    safe = rrb.Spatial3DView(
+        name="Safety V^h at the last decision",
+        origin="/",
+        contents=["+ /map/**", "+ /world/goal/**", "- /map/grid/**", "- /map/trail/**"],
+        background=(UNSEEN, UNSEEN, UNSEEN),
+        line_grid=rrb.LineGrid3D(visible=False),
+        eye_controls=_eye_above(bounds),
+    )
+    left = rrb.Tabs(known, safe, active_tab=0) if safety else known
     words = rrb.Vertical(
         rrb.TextDocumentView(name="Now", origin="/now"),
         rrb.TextDocumentView(name="How to read this", origin="/legend"),
@@ -156,6 +170,7 @@ def blueprint(bounds: Bounds | None) -> rrb.Blueprint:
     )
     plots = [
         _plot("Command", "/plots/command/**", about_now),
+        *([_plot("Shares of the experts", "/plots/gate/**", about_now)] if gate else []),
         _plot("Nearest return [m]", "/plots/nearest/**", about_now),
         _plot("Error of the pose [m]", "/plots/error/**", whole_run),
         _plot("Entropy of the map [nat]", "/plots/entropy", whole_run),
@@ -167,8 +182,8 @@ def blueprint(bounds: Bounds | None) -> rrb.Blueprint:
     )
     return rrb.Blueprint(
         rrb.Vertical(
-            rrb.Horizontal(known, true, words, column_shares=[4, 4, 2.7]),
-            rrb.Horizontal(*plots, events, column_shares=[3, 2, 2, 2, 3.5]),
+            rrb.Horizontal(left, true, words, column_shares=[4, 4, 2.7]),
+            rrb.Horizontal(*plots, events, column_shares=[3, *([2.5] if gate else []), 2, 2, 2, 3.5]),
             row_shares=[3, 1],
         ),
         rrb.BlueprintPanel(state="collapsed"),

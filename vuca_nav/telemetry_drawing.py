@@ -7,6 +7,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from vuca_nav.exploration.heatmap import SafetyMap
 from vuca_nav.geometry import distance
 from vuca_nav.telemetry import FrontierView, SceneShape
 from vuca_nav.telemetry_blueprint import (
@@ -68,6 +69,23 @@ def grid_map(greys: NDArray[np.uint8], resolution: float, origin: tuple[float, f
         cell_size=resolution,
         translation=(origin[0] + left * resolution, origin[1] + bottom * resolution, 0.0),
         colormap=rr.components.Colormap.Grayscale,
+    )
+
+
+def safety_grid(safety: SafetyMap) -> rr.GridMap | None:
+    """Values as colours, from the least (dark) to the greatest (bright, safe) of them; None if all are alike."""
+    values = safety.values
+    least, greatest = values.min(), values.max()
+    if least == greatest:
+        return None
+    levels = np.round(255.0 * (values - least) / (greatest - least)).astype(np.uint8)
+    rows, columns = values.shape
+    return rr.GridMap(
+        data=np.ascontiguousarray(levels[::-1]).tobytes(),  # an image's first row is its upper one
+        format=rr.components.ImageFormat(width=columns, height=rows, color_model="L", channel_datatype="U8"),
+        cell_size=safety.resolution,
+        translation=(*safety.lower_left, 0.0),
+        colormap=rr.components.Colormap.Viridis,
     )
 
 

@@ -7,7 +7,7 @@ global state: every telemetry has its own stream.
 import os
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import rerun as rr
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from vuca_nav import telemetry_blueprint as look
 from vuca_nav import telemetry_drawing as drawing
+from vuca_nav.exploration.heatmap import safety_around
 from vuca_nav.geometry import distance
 from vuca_nav.mapping.grid import OccupancyGrid
 from vuca_nav.telemetry import FrontierView, MeshPart, SceneShape, Telemetry
@@ -31,6 +32,10 @@ _SLOW_PERIOD = 1.0
 """The map and the trails, the heaviest things in a recording [s]."""
 _STATUS_PERIOD = 0.5
 """[s]"""
+_SAFETY_PERIOD = 5.0
+"""Maps of V^h, made at decisions of the explorer [s]: at 0.2 Hz as those are, without what its triggers add."""
+_SAFETY_HALF, _SAFETY_RESOLUTION = 8.0, 0.25
+"""Half side of the square about the robot that they show, and between two of their points [m]."""
 _GOAL_TOLERANCE, _CHOSEN_RADIUS = 0.3, 0.6
 """Of the rings about the goal (the radius that counts as arrived) and about the chosen frontier [m]."""
 _WANTED_HEIGHT, _TRAIL_HEIGHT = 0.08, 0.04
@@ -52,6 +57,9 @@ class RerunTelemetry(Telemetry):
         self._writer = Writer(stream, title)
         self._served, self._closed = served, False
         self._blueprint_sent = False
+        self._began: float | None = None
+        self._bounds: look.Bounds | None = None
+        self._gate_told, self._safety_told = False, False
         self._status = Status()
         self._part_paths: list[str] = []
         self._movers: drawing.Solids | None = None
@@ -106,6 +114,7 @@ class RerunTelemetry(Telemetry):
         if self._closed:
             return
         self._closed = True
+        self._send_blueprint()
         self._log_status()
         for path, trail in self._trails.items():
             self._writer.log(path, trail.strip())
@@ -116,7 +125,7 @@ class RerunTelemetry(Telemetry):
 
     def scene(self, shapes: Sequence[SceneShape], bounds: look.Bounds, goal: tuple[float, float]) -> None:
         """The static obstacles, once."""
-        self._send_blueprint(bounds)
+        self._bounds = bounds
         self._status.goal = goal
         for category in sorted({shape.category for shape in shapes}):
             members = [shape for shape in shapes if shape.category == category]
@@ -147,11 +156,12 @@ class RerunTelemetry(Telemetry):
 
     def time(self, seconds: float) -> None:
         """Everything that follows happened at this time of the simulation or robot clock [s]."""
-        if seconds != self._status.time:
-            if not self._blueprint_sent:
-                self._send_blueprint(None)  # nobody told of a scene: a real robot
-            if self._writer.due("status", _STATUS_PERIOD):
-                self._log_status()  # of the tick that ends here, which is now complete
+        if seconds != self._status.time and self._writer.due("status", _STATUS_PERIOD):
+            self._log_status()  # of the tick that ends here, which is now complete
+        if self._began is None:
+            self._began = seconds
+        elif seconds != self._began:
+            self._send_blueprint()  # the first tick has shown what there is to lay out
         self._status.time = seconds
         self._writer.set_time(seconds)
 
@@ -266,6 +276,29 @@ class RerunTelemetry(Telemetry):
             arc = drawing.command_arc(command, look.ARC_DURATION, MARK_HEIGHT)
             self._writer.strip("/map/estimate/command", arc, look.WANTED, 3.5)
 
+    def gate(self, shares: FloatArray) -> None:
+        """Shares of the local policy's experts in the command of this tick, (E,); they add up to 1."""
+        paths = [f"/plots/gate/expert_{n}" for n in range(len(shares))]
+        if not self._gate_told:
+            self._gate_told = True
+            for n, path in enumerate(paths):
+                colour = look.EXPERT_COLOURS[n % len(look.EXPERT_COLOURS)]
+                lines = rr.SeriesLines(names=f"expert {n}", colors=colour, widths=1.5)
+                self._writer.log(path, lines, static=True)
+        if self._writer.due("gate", _PLOT_PERIOD):
+            for path, share in zip(paths, shares):
+                self._writer.scalar(path, float(share))
+
+    def safety(self, rate: Callable[[FloatArray], FloatArray]) -> None:
+        """The critic can be asked now, at a decision of the explorer."""
+        pose = self._status.map_from_base
+        if pose is None or not self._writer.due("safety", _SAFETY_PERIOD):
+            return
+        image = drawing.safety_grid(safety_around(rate, pose[:2], _SAFETY_HALF, _SAFETY_RESOLUTION))
+        if image is not None:  # with no critic all are alike
+            self._safety_told = True
+            self._writer.log("/map/safety", image)
+
     def event(self, text: str, level: str = "INFO") -> None:
         """A trigger, a recovery, a collision: what an engineer will look for."""
         colour = look.LEVEL_COLOURS.get(level, look.LEVEL_COLOURS["INFO"])
@@ -274,9 +307,12 @@ class RerunTelemetry(Telemetry):
 
     # -- the means ---------------------------------------------------------------------------------
 
-    def _send_blueprint(self, bounds: look.Bounds | None) -> None:
-        self._blueprint_sent = True
-        self._writer.stream.send_blueprint(look.blueprint(bounds))
+    def _send_blueprint(self) -> None:
+        """Once; without bounds nobody told of a scene: a real robot."""
+        if not self._blueprint_sent:
+            self._blueprint_sent = True
+            layout = look.blueprint(self._bounds, gate=self._gate_told, safety=self._safety_told)
+            self._writer.stream.send_blueprint(layout)
 
     def _extend_trail(self, path: str, pose: Pose2) -> None:
         trail = self._trails[path]

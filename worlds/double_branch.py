@@ -1,11 +1,13 @@
 """Two ways to the goal: a short one that is crowded, and a longer one that is not."""
 
+from dataclasses import replace
+
 from numpy.random import Generator
 
 from vuca_nav.types import Pose2
 from worlds.generation import Layout, heading, outer_walls, rectangle, solvable_layout, stream, uniform
 from worlds.population import walkers
-from worlds.world import Obstacle, World
+from worlds.world import Box, Obstacle, Way, World
 
 NAME = "double_branch"
 MOVERS = 8
@@ -33,7 +35,20 @@ def double_branch(seed: int, movers: int, footprint_radius: float) -> World:
     moving = walkers(
         stream(NAME, seed, 1000), layout, field, movers, ("legs", "cylinder", "cart"), MOVER_SPEEDS, within=short_side
     )
-    return layout.world(NAME, seed, moving)
+    return replace(layout.world(NAME, seed, moving), ways=_ways(layout, short_side))
+
+
+def _ways(layout: Layout, short_side: tuple[float, float, float, float]) -> tuple[Way, Way]:
+    """Beside the block, on the crowded and on the quiet side."""
+    block = next(obstacle.shape for obstacle in layout.obstacles if obstacle.kind == "block")
+    assert isinstance(block, Box)
+    x0, y0, x1, y1 = layout.bounds
+    low, high = block.y - 0.5 * block.width, block.y + 0.5 * block.width
+    left, right = block.x - 0.5 * block.length, block.x + 0.5 * block.length
+    sides = Way("short", (x0, low, left, high)), Way("quiet", (right, low, x1, high))
+    if short_side[0] == x0:
+        return sides
+    return Way("short", sides[1].box), Way("quiet", sides[0].box)
 
 
 def _layout(rng: Generator) -> Layout:

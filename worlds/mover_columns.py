@@ -7,3 +7,5 @@ MOTION, SPEED, RADIUS, FIRST_WAYPOINT, WAYPOINTS = range(5)
 X, Y, YAW, V_X, V_Y, WALKED, RUN, SINCE_TURN, TARGET, DIRECTION, PROGRESS, STUCK = range(12)
 """Columns of a mover's state."""
 STATE_SIZE = 12
+GO_TIME, STOP_TIME, UNTIL_CHANGE, STOPPED = range(4)
+"""Columns of the pauses of a mover that stops and goes."""

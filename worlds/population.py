@@ -106,7 +106,7 @@ def walkers(
     """
     x0, y0, x1, y1 = within or layout.bounds
     away = distance_to_wide_ways(field, MOVER_WAY)
-    usable = reachable_cells(field, layout.start[:2], MOVER_WAY / 2 - 0.25) & _long_ways(away, field.resolution)
+    usable = reachable_cells(field, layout.start[:2], MOVER_WAY / 2 - 0.25) & long_ways(away, field.resolution)
     cells = np.argwhere(usable)
     points = field.centres(cells)
     inside = (points[:, 0] > x0) & (points[:, 0] < x1) & (points[:, 1] > y0) & (points[:, 1] < y1)
@@ -164,7 +164,7 @@ def walked_ground(
     return layout.world(name, seed, walkers(stream(name, seed, 1000), layout, field, movers, kinds, speeds))
 
 
-def _long_ways(away: np.ndarray, resolution: float) -> np.ndarray:
+def long_ways(away: np.ndarray, resolution: float) -> np.ndarray:
     """Cells of the wide ways whose connected part extends far enough to walk in."""
     found = ndimage.label(away <= MOVER_WAY / 2 - 0.35 - WAY_MARGIN)
     labels: np.ndarray = found[0]  # type: ignore[index]

@@ -43,7 +43,7 @@ def _mark_capsule(unsafe, stamp, x0, y0, x1, y1, reach, origin_x, origin_y, h):
 
 
 @njit(cache=True)
-def _earliest_arrival(blocked, tracks, reaches, tick, start, start_time, goal, v_max, layers, origin_x, origin_y, h):
+def earliest_arrival(blocked, tracks, reaches, tick, start, start_time, goal, v_max, layers, origin_x, origin_y, h):
     """Layer by layer of h / v_max seconds: when the disc can first be in each cell and has been safe there since."""
     rows, columns = blocked.shape
     dt = h / v_max
@@ -123,7 +123,7 @@ def reachable(world: World, radius: float, v_max: float, horizon: float, resolut
         movers.step(1.0 / TICK_RATE)
         tracks[k + 1] = movers.poses[:, :2]
     reaches = np.array([mover.radius + radius + pad for mover in world.movers])
-    arrival = _earliest_arrival(
+    arrival = earliest_arrival(
         grid.blocked, tracks, reaches, 1.0 / TICK_RATE, start, start_offset, goal, v_max, layers,
         *grid.origin, resolution,
     )  # fmt: skip

@@ -25,6 +25,7 @@ from worlds.world import (
     RandomWalk,
     Shape,
     SocialForce,
+    Way,
     World,
 )
 
@@ -190,16 +191,20 @@ def _mover_from(d: dict) -> Mover:
     return Mover(d["kind"], parts, float(d["radius"]), _pose_from(d["start"]), _motion_from(d["motion"]))
 
 
+def _box_from(b: dict) -> tuple[float, float, float, float]:
+    return float(b["x_min"]), float(b["y_min"]), float(b["x_max"]), float(b["y_max"])
+
+
 def _world_from(d: dict) -> World:
-    b = d["bounds"]
     return World(
         d["name"],
         int(d["seed"]),
-        (float(b["x_min"]), float(b["y_min"]), float(b["x_max"]), float(b["y_max"])),
+        _box_from(d["bounds"]),
         tuple(Obstacle(o["kind"], _shape_from(o["shape"]), o.get("outer", False)) for o in d["obstacles"]),
         tuple(_mover_from(m) for m in d["movers"]),
         _pose_from(d["start"]),
         _point_from(d["goal"]),
+        tuple(Way(way["name"], _box_from(way["box"])) for way in d.get("ways", ())),
     )
 
 
@@ -243,12 +248,17 @@ def _part(part: MoverPart) -> dict:
     return {"shape": _shape(part.shape), **swing}
 
 
+def _box(box: tuple[float, float, float, float]) -> dict:
+    return dict(zip(("x_min", "y_min", "x_max", "y_max"), map(float, box)))
+
+
 def _document_of(world: World) -> dict:
+    ways = {"ways": [{"name": way.name, "box": _box(way.box)} for way in world.ways]} if world.ways else {}
     return {
         "format": FORMAT,
         "name": world.name,
         "seed": int(world.seed),
-        "bounds": dict(zip(("x_min", "y_min", "x_max", "y_max"), map(float, world.bounds))),
+        "bounds": _box(world.bounds),
         "start": _pose(world.start),
         "goal": _point(world.goal),
         "obstacles": [_obstacle(o) for o in world.obstacles],
@@ -262,4 +272,5 @@ def _document_of(world: World) -> dict:
             }
             for m in world.movers
         ],
+        **ways,
     }

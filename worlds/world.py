@@ -125,6 +125,15 @@ class Mover:
 
 
 @dataclass(frozen=True, slots=True)
+class Way:
+    """A part of one of several ways to the goal: which of them is taken tells how a planner weighs them."""
+
+    name: str
+    box: tuple[float, float, float, float]
+    """x_min, y_min, x_max, y_max; whoever enters it has taken this way [m]."""
+
+
+@dataclass(frozen=True, slots=True)
 class World:
     """A scene with its task."""
 
@@ -137,3 +146,13 @@ class World:
     start: Pose2
     goal: tuple[float, float]
     """[m]"""
+    ways: tuple[Way, ...] = ()
+    """Where there are several to the goal, and it is of interest which is taken."""
+
+    def way_of(self, pose: Pose2) -> str | None:
+        """Name of the way that a pose is on, None if it is on none."""
+        for way in self.ways:
+            x_min, y_min, x_max, y_max = way.box
+            if x_min <= pose.x <= x_max and y_min <= pose.y <= y_max:
+                return way.name
+        return None

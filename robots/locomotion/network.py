@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from safetensors import SafetensorError, safe_open
 
 from robots.locomotion.config import QuadrupedConfig
 from robots.locomotion.kernels import (
@@ -21,19 +20,14 @@ from robots.locomotion.kernels import (
     TURN_TRIM_LIMIT,
 )
 from robots.locomotion.odometry import VELOCITY_GAIN
-from vuca_nav.errors import VucaError
+from vuca_nav.errors import BadWeights, VucaError
+from vuca_nav.weights import checked, present, read_weights
 
 FORMAT = "vuca-gait-1"
 WEIGHTS_FOLDER = Path(__file__).parent / "weights"
 LAYERS = 3
-DTYPES = ("F16", "F32", "F64")
-"""Of the tensors, as safetensors calls them; they are used as F32."""
 CLIP = 10.0
 """Of the normalised observation."""
-
-
-class BadWeights(VucaError):
-    """A weights file that is missing or broken, or belongs to another robot."""
 
 
 class BadObservation(VucaError):
@@ -100,50 +94,25 @@ def load_policy(config: QuadrupedConfig, path: Path | None = None) -> PolicyNetw
         raise BadWeights(
             f"no gait weights for {name!r} at {path}; make them with: vuca train locomotion --robot {name}"
         )
-    try:
-        with safe_open(path, framework="numpy") as file:
-            metadata = file.metadata() or {}
-            for key in file.keys():  # noqa: SIM118  (no dict)
-                dtype = file.get_slice(key).get_dtype()
-                if dtype not in DTYPES:
-                    raise BadWeights(f"{path}: tensor {key!r} is of type {dtype}, expected one of {', '.join(DTYPES)}")
-            tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118  (no dict)
-    except (SafetensorError, OSError, ValueError) as error:
-        raise BadWeights(f"{path} is not a safetensors file: {error}") from error
+    tensors, metadata = read_weights(path)
     for key, right in (("format", FORMAT), ("robot", name), ("gait", gait_contract(config))):
         if metadata.get(key) != right:
             raise BadWeights(f"{path}: {key} is {metadata.get(key)!r}, expected {right!r}")
-    return PolicyNetwork({key: _checked(path, tensors, key, shape) for key, shape in _shapes(path, tensors).items()})
+    return PolicyNetwork({key: checked(path, tensors, key, shape) for key, shape in _shapes(path, tensors).items()})
 
 
 def _shapes(path: Path, tensors: dict[str, np.ndarray]) -> dict[str, tuple[int, ...]]:
     sizes = [OBSERVATION_SIZE]
     for k in range(LAYERS - 1):
-        if f"bias_{k}" not in tensors:
-            raise BadWeights(f"{path} has no tensor 'bias_{k}' (it has: {', '.join(sorted(tensors))})")
-        if tensors[f"bias_{k}"].size == 0:
+        size = present(path, tensors, f"bias_{k}").size
+        if size == 0:
             raise BadWeights(f"{path}: tensor 'bias_{k}' is empty, expected a hidden layer")
-        sizes.append(tensors[f"bias_{k}"].size)
+        sizes.append(size)
     sizes.append(ACTION_SIZE)
     shapes: dict[str, tuple[int, ...]] = {"mean": (OBSERVATION_SIZE,), "scale": (OBSERVATION_SIZE,)}
     for k in range(LAYERS):
         shapes[f"weight_{k}"], shapes[f"bias_{k}"] = (sizes[k + 1], sizes[k]), (sizes[k + 1],)
     return shapes
-
-
-def _checked(path: Path, tensors: dict[str, np.ndarray], key: str, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    if key not in tensors:
-        raise BadWeights(f"{path} has no tensor {key!r} (it has: {', '.join(sorted(tensors))})")
-    tensor = tensors[key]
-    if tensor.shape != shape:
-        raise BadWeights(f"{path}: tensor {key!r} has shape {tensor.shape}, expected {shape}")
-    with np.errstate(over="ignore"):
-        single = tensor.astype(np.float32)
-    if not np.isfinite(single).all():
-        raise BadWeights(f"{path}: tensor {key!r} holds numbers that are not finite in single precision")
-    if key == "scale" and not (single > 0.0).all():
-        raise BadWeights(f"{path}: tensor 'scale' holds numbers that are not positive")
-    return single
 
 
 @njit(cache=True)

@@ -8,6 +8,9 @@ from vuca_nav.exploration.heuristic import NoCritic, SafetyCritic, score_candida
 from vuca_nav.planning.costmap import Costmap, CostmapConfig
 from vuca_nav.planning.paths import PathField
 from vuca_nav.telemetry import FrontierView, Telemetry
+from vuca_nav.types import Pose2
+
+HERE = Pose2(3.0, 2.0, 0.0)
 
 
 def two_doors() -> np.ndarray:
@@ -70,7 +73,7 @@ def test_a_chink_is_looked_into_when_there_is_nothing_better():
     grid, costmap, field = view(picture)
     explorer = Explorer()
     explorer.reset((20.0, 2.0))
-    target = explorer.choose(0.0, grid, costmap, field)
+    target = explorer.choose(0.0, grid, costmap, field, HERE)
     assert target is not None
     assert target.point == pytest.approx((5.85, 1.8), abs=0.3)
 
@@ -110,7 +113,7 @@ def test_the_goal_heuristic_chooses_the_opening_towards_the_goal():
         told = Decisions()
         explorer = Explorer(telemetry=told)
         explorer.reset(goal)
-        target = explorer.choose(0.0, grid, costmap, field)
+        target = explorer.choose(0.0, grid, costmap, field, HERE)
         assert target is not None
         assert target.point == pytest.approx(expected, abs=0.25)
         assert not target.is_goal
@@ -119,7 +122,7 @@ def test_the_goal_heuristic_chooses_the_opening_towards_the_goal():
 
 def test_a_critic_with_gamma_can_overrule_it():
     class PrefersUp(SafetyCritic):
-        def values(self, points_in_map):
+        def values(self, points_in_map, map_from_base):
             return points_in_map[:, 1]
 
     grid, costmap, field = view(two_doors())
@@ -130,7 +133,7 @@ def test_a_critic_with_gamma_can_overrule_it():
     ):
         explorer = Explorer(ExplorerConfig(gamma=gamma), critic)
         explorer.reset((20.0, 2.0))
-        target = explorer.choose(0.0, grid, costmap, field)
+        target = explorer.choose(0.0, grid, costmap, field, HERE)
         assert target is not None
         assert target.point[1] == pytest.approx(expected_y, abs=0.25)
 
@@ -139,7 +142,7 @@ def test_a_known_goal_is_the_target():
     grid, costmap, field = view(two_doors())
     explorer = Explorer()
     explorer.reset((1.0, 1.0))
-    target = explorer.choose(0.0, grid, costmap, field)
+    target = explorer.choose(0.0, grid, costmap, field, HERE)
     assert target is not None
     assert target.is_goal
     assert target.point == (1.0, 1.0)
@@ -149,13 +152,13 @@ def test_hysteresis_keeps_a_choice_that_is_nearly_as_good():
     grid, costmap, field = view(two_doors())
     explorer = Explorer()
     explorer.reset((20.0, 2.0))
-    first = explorer.choose(0.0, grid, costmap, field)
+    first = explorer.choose(0.0, grid, costmap, field, HERE)
     # Seen from here both are about equally far on the way to this goal, the upper one a little better.
     explorer.goal = (5.0, 6.5)
-    second = explorer.choose(10.0, grid, costmap, field)
+    second = explorer.choose(10.0, grid, costmap, field, HERE)
     fresh = Explorer()
     fresh.reset((5.0, 6.5))
-    unbiased = fresh.choose(0.0, grid, costmap, field)
+    unbiased = fresh.choose(0.0, grid, costmap, field, HERE)
     assert first is not None
     assert second is not None
     assert unbiased is not None
@@ -167,14 +170,14 @@ def test_a_given_up_target_is_left_out_until_it_expires():
     grid, costmap, field = view(two_doors())
     explorer = Explorer()
     explorer.reset((20.0, 2.0))
-    first = explorer.choose(0.0, grid, costmap, field)
+    first = explorer.choose(0.0, grid, costmap, field, HERE)
     assert first is not None
     explorer.give_up(1.0)
-    second = explorer.choose(2.0, grid, costmap, field)
+    second = explorer.choose(2.0, grid, costmap, field, HERE)
     assert second is not None
     assert second.point[1] > 3.5
     explorer.target = None
-    third = explorer.choose(1.0 + explorer.config.blacklist_time + 0.1, grid, costmap, field)
+    third = explorer.choose(1.0 + explorer.config.blacklist_time + 0.1, grid, costmap, field, HERE)
     assert third is not None
     assert third.point == first.point
 
@@ -184,9 +187,9 @@ def test_if_all_are_given_up_they_are_tried_again():
     explorer = Explorer()
     explorer.reset((20.0, 2.0))
     for k in range(2):
-        assert explorer.choose(float(k), grid, costmap, field)
+        assert explorer.choose(float(k), grid, costmap, field, HERE)
         explorer.give_up(float(k))
-    assert explorer.choose(3.0, grid, costmap, field) is not None
+    assert explorer.choose(3.0, grid, costmap, field, HERE) is not None
 
 
 def test_the_four_triggers():
@@ -195,7 +198,7 @@ def test_the_four_triggers():
     explorer = Explorer()
     explorer.reset((20.0, 2.0))
     assert explorer.trigger(0.0, grid, (3.0, 2.0)) == "there is no target"
-    target = explorer.choose(0.0, grid, costmap, field)
+    target = explorer.choose(0.0, grid, costmap, field, HERE)
     assert target is not None
     assert explorer.trigger(0.1, grid, target.point) is None  # too soon
     assert explorer.trigger(1.0, grid, (3.0, 2.0)) is None
@@ -216,4 +219,4 @@ def test_without_frontiers_there_is_no_target():
     grid, costmap, field = view(hall(60, 40))
     explorer = Explorer()
     explorer.reset((20.0, 2.0))
-    assert explorer.choose(0.0, grid, costmap, field) is None
+    assert explorer.choose(0.0, grid, costmap, field, HERE) is None

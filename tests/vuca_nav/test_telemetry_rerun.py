@@ -180,6 +180,38 @@ def test_the_layout_rides_with_the_estimate_if_there_is_none(tmp_path: Path):
     assert "/world/robot/base" not in view_origins(path)
 
 
+def test_shares_of_experts_and_safety_maps_are_shown_where_there_are_any(tmp_path: Path):
+    paths = {}
+    for kind in ("learned", "without a critic"):
+        paths[kind] = tmp_path / f"{kind}.rrd"
+        telemetry = RerunTelemetry.record(paths[kind], title=kind)
+        for tick in range(RATE * 6):
+            telemetry.time(tick / RATE)
+            telemetry.estimated_pose(Pose2(1.0, 2.0, 0.0), Pose2(1.0, 2.0, 0.0))
+            if tick % RATE == 0:  # oftener than maps are wanted
+                telemetry.safety(lambda points, learned=kind == "learned": points[:, 0] * learned)
+            if kind == "learned":
+                telemetry.gate(np.array([0.1, 0.2, 0.3, 0.4]))
+        telemetry.close()
+    shares = [column(paths["learned"], f"/plots/gate/expert_{n}", "Scalars:scalars") for n in range(4)]
+    assert [len(share) for share in shares] == [RATE * 6] * 4
+    assert [share[7][0] for share in shares] == pytest.approx([0.1, 0.2, 0.3, 0.4])
+    first, _ = column(paths["learned"], "/map/safety", "GridMap:data")
+    levels = np.asarray(first[0]).reshape(64, 64)
+    assert (levels == levels[0]).all()  # safety rises with x alone, left to right
+    assert (np.diff(levels[0].astype(int)) > 0).all()
+    assert (levels[0, 0], levels[0, -1]) == (0, 255)
+    assert column(paths["without a critic"], "/map/safety", "GridMap:data") == []
+    assert num_views(paths["learned"]) == num_views(paths["without a critic"]) + 2
+
+
+def num_views(path: Path) -> int:
+    reader = RrdReader(path)
+    (layout,) = reader.blueprints()
+    entities = {chunk.entity_path for chunk in reader.stream(store=layout)}
+    return sum(entity.startswith("/view/") and entity.count("/") == 2 for entity in entities)
+
+
 def test_pose_errors_are_those_of_the_same_tick(recording: Path):
     assert np.allclose(column(recording, "/plots/error/slam", "Scalars:scalars"), SLAM_OFFSET)
     assert np.allclose(column(recording, "/plots/error/odometry", "Scalars:scalars"), ODOMETRY_OFFSET)

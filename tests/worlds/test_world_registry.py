@@ -6,6 +6,7 @@ from dataclasses import replace
 import pytest
 
 from vuca_nav.errors import BadArgument, BadWorld, UnknownName
+from vuca_nav.types import Pose2
 from worlds import WORLDS, load_scene, make_world, save_scene
 from worlds.arrays import pack_shapes
 from worlds.clearance import clearance_at
@@ -208,3 +209,14 @@ def test_a_building_without_room_for_its_people_says_so(monkeypatch):
 def test_difficulties_in_their_order_each_once():
     assert ordered_difficulties("") == ""
     assert ordered_difficulties("AAVU") == "VUA"
+
+
+def test_the_ways_of_the_double_branch_are_beside_its_block_and_only_the_short_one_is_crowded():
+    for seed in range(6):
+        world = make_world("double_branch", seed, movers=8)
+        assert [way.name for way in world.ways] == ["short", "quiet"]
+        assert {world.way_of(mover.start) for mover in world.movers} <= {"short", None}
+        assert world.way_of(world.start) is None and world.way_of(Pose2(*world.goal, 0.0)) is None
+        for way in world.ways:
+            x = 0.5 * (way.box[0] + way.box[2])
+            assert world.way_of(Pose2(x, 0.5 * (way.box[1] + way.box[3]), 0.0)) == way.name

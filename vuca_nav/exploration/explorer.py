@@ -11,6 +11,7 @@ from vuca_nav.mapping.grid import OccupancyGrid
 from vuca_nav.planning.costmap import Costmap
 from vuca_nav.planning.paths import PathField
 from vuca_nav.telemetry import FrontierView, Telemetry
+from vuca_nav.types import Pose2
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,7 +19,7 @@ class ExplorerConfig:
     """Settings of the choice and of its triggers."""
 
     gamma: float = 0.0
-    """Weight of the safety term; 0 until a critic is there."""
+    """Weight of the safety term; of no consequence without a critic."""
     min_frontier: float = 0.4
     """Shorter frontiers are noise [m]. Without the cells that are too near to walls: an opening of 1 m has 0.4 m."""
     max_frontier: float = 3.0
@@ -52,7 +53,7 @@ class Target:
 
 @dataclass(slots=True)
 class Explorer:
-    """Chooses P_exploration. ``gamma`` V^h is in place; the critic decides what it says."""
+    """Chooses P_exploration."""
 
     config: ExplorerConfig = field(default_factory=ExplorerConfig)
     critic: SafetyCritic = field(default_factory=NoCritic)
@@ -104,7 +105,9 @@ class Explorer:
             self._blacklist.append((*self.target.point, now + self.config.blacklist_time))
         self.target = None
 
-    def choose(self, now: float, grid: OccupancyGrid, costmap: Costmap, paths: PathField) -> Target | None:
+    def choose(
+        self, now: float, grid: OccupancyGrid, costmap: Costmap, paths: PathField, map_from_base: Pose2
+    ) -> Target | None:
         """Choose anew.
 
         Args:
@@ -112,6 +115,7 @@ class Explorer:
             grid: The navigation grid as it is now.
             costmap: Made from it.
             paths: From the robot over the costmap.
+            map_from_base: Where the robot is.
 
         Returns:
             The new target, or None if nothing can be reached.
@@ -141,7 +145,8 @@ class Explorer:
         if self.target is not None and not self.target.is_goal:
             away = np.hypot(points[:, 0] - self.target.point[0], points[:, 1] - self.target.point[1])
             goal_cost = goal_cost - config.hysteresis * (away < config.same_within)
-        safety = self.critic.values(points)
+        safety = self.critic.values(points, map_from_base)
+        self.telemetry.safety(lambda asked: self.critic.values(asked, map_from_base))
         scores = score_candidates(goal_cost, safety, config.gamma)
         chosen = int(np.argmin(scores.total))
         self.telemetry.frontiers(FrontierView(points, scores.goal_term, scores.safety_term, scores.total, chosen))

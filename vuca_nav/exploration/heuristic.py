@@ -5,21 +5,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vuca_nav.types import FloatArray
+from vuca_nav.types import FloatArray, Pose2
 
 
 class SafetyCritic(ABC):
     """Rates points as goals: V^h of Section III-C."""
 
     @abstractmethod
-    def values(self, points_in_map: FloatArray) -> FloatArray:
-        """Higher is safer, (n,) for points (n, 2) [m]."""
+    def values(self, points_in_map: FloatArray, map_from_base: Pose2) -> FloatArray:
+        """Higher is safer, (n,) for points (n, 2) [m], the robot at a pose."""
 
 
 class NoCritic(SafetyCritic):
     """Holds every point for equally safe, which leaves the goal term alone to decide."""
 
-    def values(self, points_in_map: FloatArray) -> FloatArray:
+    def values(self, points_in_map: FloatArray, map_from_base: Pose2) -> FloatArray:
         """Zeros, (n,)."""
         return np.zeros(len(points_in_map))
 

@@ -3,7 +3,10 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
-from vuca_nav.types import Scan, Twist2, VelocityCommand
+from vuca_nav.types import Pose2, Scan, Twist2, VelocityCommand
+
+STANDING = Pose2(0.0, 0.0, 0.0)
+"""No motion."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,6 +20,8 @@ class LocalObservation:
     """Whether the waypoint is the goal itself, so that one should slow down and stop there."""
     twist: Twist2
     """Measured velocity of the body."""
+    motion: Pose2 = STANDING
+    """The base's displacement since the last tick by odometry, in its frame of then."""
 
 
 class LocalPolicy(ABC):
@@ -25,6 +30,12 @@ class LocalPolicy(ABC):
     @abstractmethod
     def reset(self) -> None:
         """Forget the last episode."""
+
+    def look(self, observation: LocalObservation) -> None:  # noqa: B027  (a hook)
+        """Called at every tick, before it is decided where to go; the waypoint is the last tick's.
+
+        A policy that remembers what it saw, or is asked about it by the explorer, takes it in here.
+        """
 
     @abstractmethod
     def command(self, observation: LocalObservation) -> VelocityCommand:

@@ -1,0 +1,78 @@
+import numpy as np
+import pytest
+import torch
+from gymnasium.vector import AutoresetMode
+from torchrl.envs import check_env_specs
+
+from train.arena.arena import Arena
+from train.arena.config import ArenaConfig
+from train.arena.gym_env import ArenaVectorEnv
+from train.arena.torchrl_env import ArenaEnv
+from vuca_nav.policy.observation import ObservationConfig
+
+CONFIG = ArenaConfig(layouts=2, pairs=16, num_bodies=4).of("mixed")
+
+
+def arena(n=24, seed=0):
+    return Arena(CONFIG, ObservationConfig(), n, seed)
+
+
+def test_torchrl_finds_the_specs_true():
+    check_env_specs(ArenaEnv(arena(8)), break_when_any_done="both")
+
+
+def test_torchrl_rollouts_are_the_arenas():
+    env, plain = ArenaEnv(arena(seed=3)), arena(seed=3)
+    torch.manual_seed(0)
+    rollout = env.rollout(80, break_when_any_done=False)
+    done = rollout["next", "done"][:, :, 0].numpy()
+    assert 5 < done.sum() < 300
+    observation = plain.reset()
+    for t in range(80):
+        np.testing.assert_array_equal(rollout["observation"][:, t].numpy(), observation)
+        step = plain.step(rollout["action"][:, t].numpy())
+        over = step.collided | step.reached | step.timed_out
+        np.testing.assert_array_equal(done[:, t], over)
+        following = rollout["next", "observation"][:, t].numpy()
+        np.testing.assert_array_equal(following[~over], step.observation[~over])
+        np.testing.assert_array_equal(following[over], step.final_observation[over])
+        expected = 4.0 * step.progress - 15.0 * step.collided + 20.0 * step.reached
+        np.testing.assert_allclose(rollout["next", "reward"][:, t, 0].numpy(), expected, atol=1e-5)
+        observation = step.observation
+
+
+def test_rows_called_back_on_the_way_begin_anew():
+    env = ArenaEnv(arena(6))
+    first = env.rollout(5, break_when_any_done=False)[:, -1]["next"]
+    mask = torch.tensor([[True], [False], [False], [True], [False], [False]])
+    again = env.reset(first.select("observation").set("_reset", mask))
+    same = torch.isclose(again["observation"], first["observation"]).all(dim=-1)
+    assert not same[mask[:, 0]].any()
+    assert env._arena.gather("ticks")[mask[:, 0].numpy()].max() == 0
+
+
+def test_gymnasium_vector_environment():
+    env = ArenaVectorEnv(arena(seed=1))
+    assert env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+    one, _ = env.reset(seed=5)
+    two, _ = env.reset(seed=5)
+    np.testing.assert_array_equal(one, two)
+    assert env.observation_space.contains(one)
+    env.action_space.seed(0)
+    finals = 0
+    for _ in range(60):
+        observation, reward, terminated, truncated, infos = env.step(env.action_space.sample())
+        assert env.observation_space.contains(observation)
+        assert reward.shape == terminated.shape == truncated.shape == (24,)
+        if "final_obs" in infos:
+            ended = infos["_final_obs"]
+            np.testing.assert_array_equal(ended, terminated | truncated)
+            assert not np.isclose(infos["final_obs"][ended], observation[ended]).all(axis=1).any()
+            finals += ended.sum()
+    assert finals > 5
+    env.close()
+
+
+def test_unknown_rewards_are_refused():
+    with pytest.raises(Exception, match="reward column 'fuson'; did you mean 'fusion'"):
+        ArenaEnv(arena(2), "fuson")

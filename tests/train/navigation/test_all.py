@@ -1,0 +1,95 @@
+import multiprocessing
+import os
+import signal
+from dataclasses import replace
+
+import pytest
+
+from tests.train.navigation.open_ground import OpenGround
+from train.arena.config import KINDS, ArenaConfig
+from train.locomotion.curves import read_log
+from train.navigation import run as run_module
+from train.navigation.commands import train_navigation
+from train.navigation.ppo import Learner
+from train.navigation.rewards import find_rewards
+from train.navigation.stages import EVERYTHING, STAGES, StageConfig, from_scratch
+from train.navigation.team import Alone
+from vuca_nav.policy.weights_file import load_weights
+
+ITERATIONS = 4
+
+
+def shrunken(stage: StageConfig) -> StageConfig:
+    """The same stage with next to nothing to do."""
+    shares = {kind: getattr(stage.arena, kind) for kind in KINDS}
+    arena = ArenaConfig(**shares, layouts=1, pairs=4, num_bodies=2)
+    ppo = replace(stage.ppo, worlds=8, horizon=4, minibatch=16, critic_first=min(stage.ppo.critic_first, 2))
+    network = replace(stage.network, hidden=8, gate=4, critic=8)
+    return replace(stage, arena=arena, ppo=ppo, network=network, steps=ITERATIONS * 8 * 4)
+
+
+@pytest.fixture
+def tiny(monkeypatch):
+    for name, stage in list(STAGES.items()):
+        monkeypatch.setitem(STAGES, name, shrunken(stage))
+    monkeypatch.setattr(run_module, "SAVE_EVERY", 2)
+
+
+def train_all(out, *options):
+    return train_navigation("all", ["--out", str(out), "--workers", "1", *options])
+
+
+def _die_in(out, name):
+    """Be killed, as by a power cut, in this stage's last iteration."""
+    real = run_module.Training.learn
+
+    def learn(self, environment, team):
+        if self.stage.name == name:
+            iterate = Learner.iterate
+
+            def torn(learner, progress):
+                if learner.iteration == ITERATIONS - 1:
+                    os.kill(os.getpid(), signal.SIGKILL)
+                return iterate(learner, progress)
+
+            Learner.iterate = torn  # type: ignore[method-assign]
+        real(self, environment, team)
+
+    run_module.Training.learn = learn  # type: ignore[method-assign]
+    train_all(out)
+
+
+@pytest.mark.slow
+def test_all_of_them_one_after_another_killed_and_gone_on_with(tmp_path, tiny, capsys):
+    whole, torn = tmp_path / "whole", tmp_path / "torn"
+    assert train_all(whole) == 0
+    assert [line.rsplit("/", 2)[1] for line in capsys.readouterr().out.splitlines()] == list(EVERYTHING)
+    child = multiprocessing.get_context("fork").Process(target=_die_in, args=(torn, "fusion"))
+    child.start()
+    child.join()
+    assert child.exitcode == -signal.SIGKILL
+    assert {path.name for path in torn.iterdir()} == {*EVERYTHING[: EVERYTHING.index("fusion") + 1]}
+    assert train_all(torn, "--resume") == 0
+    for name in EVERYTHING:
+        first, second = (out / name / f"{name}.safetensors" for out in (whole, torn))
+        weights, again = load_weights(first), load_weights(second)
+        assert weights.observation == STAGES[name].observation
+        assert weights.experts == STAGES[name].network.experts
+        assert weights.metadata["experts_from"].split() == list(STAGES[name].sources)
+        for one, other in ((weights.weights, again.weights), (weights.critic_weights, again.critic_weights)):
+            assert all((a == b).all() for a, b in zip(one, other))
+        assert [row["iteration"] for row in read_log(torn / name / "log.jsonl")] == list(range(1, ITERATIONS + 1))
+        assert (torn / name / f"{name}.md").read_text().startswith(f"# {name}\n")
+
+
+@pytest.mark.parametrize("name", EVERYTHING)
+def test_every_stage_can_also_start_from_scratch(name, tiny):
+    stage = from_scratch(STAGES[name])
+    assert not stage.sources
+    ground = OpenGround(stage, stage.ppo.worlds)
+    mind = Learner(ground, stage.observation, stage.network, stage.ppo, find_rewards(stage.rewards), 0, Alone())
+    mind.restart()
+    before = [parameter.clone() for parameter in mind.actor.layers.parameters()]  # type: ignore[attr-defined]
+    mind.iterate(0.0)
+    after = mind.actor.layers.parameters()  # type: ignore[attr-defined]
+    assert any((a != b).any() for a, b in zip(before, after))

@@ -1,0 +1,86 @@
+import json
+
+import numpy as np
+import pytest
+import torch
+
+from train.arena.config import ArenaConfig
+from train.arena.evaluation import Evaluation
+from train.navigation.evaluate import EvaluateArguments, evaluate, knock_outs, main, paired_difference, play
+from train.navigation.networks import FusedActor, NetworkConfig, make_critic
+from train.navigation.weights import actor_of, export
+from vuca_nav.errors import BadArgument, BadWeights
+from vuca_nav.policy.observation import ObservationConfig
+from vuca_nav.policy.weights_file import load_weights
+
+WORLD = ArenaConfig(layouts=2, pairs=4, num_bodies=2).of("static")
+SEEN = ObservationConfig(sectors=12)
+
+
+def write(path, experts, seed=0):
+    generator = torch.Generator().manual_seed(seed)
+    network = NetworkConfig(experts=experts, hidden=8, gate=8, critic=8)
+    actor, critic = FusedActor(SEEN.size, network, generator), make_critic(SEEN.size, network, generator)
+    for parameter in actor.parameters():
+        parameter.data = torch.randn(parameter.shape, generator=generator)
+    export(path, path.stem, actor, critic, network, SEEN, 10.0, {})
+    return path
+
+
+def test_a_paired_difference_by_hand():
+    first = np.array([True] * 60 + [False] * 40)
+    second = np.array([True] * 50 + [False] * 10 + [True] * 20 + [False] * 20)
+    difference, low, high = paired_difference(first, second)
+    assert difference == pytest.approx(0.10)
+    # (20.5 - 10.5) / 102, +- 1.96 sqrt(31 - 100 / 102) / 102
+    assert low == pytest.approx(0.09804 - 0.10526, abs=1e-4)
+    assert high == pytest.approx(0.09804 + 0.10526, abs=1e-4)
+
+
+def test_the_same_policy_meets_the_same_episodes(tmp_path):
+    actor = actor_of(load_weights(write(tmp_path / "a.safetensors", 1)))
+    first, second = (play(actor, Evaluation(WORLD, SEEN, 8, 0)) for _ in range(2))
+    assert np.array_equal(first.records.success, second.records.success)
+    assert np.array_equal(first.records.time, second.records.time)
+    assert (first.records.success | first.records.collision | first.records.timeout).all()
+
+
+def test_a_gate_that_is_overruled(tmp_path):
+    actor = actor_of(load_weights(write(tmp_path / "a.safetensors", 3)))
+
+    def gate_with(overrule):
+        return play(actor, Evaluation(WORLD, SEEN, 8, 0), overrule).gate
+
+    free = gate_with(None)
+    assert sum(free.mean) == pytest.approx(1.0, abs=1e-5)
+    assert 0.0 < free.entropy < np.log(3.0)
+    assert free.information > 0.001
+    variants = knock_outs(3, free.mean)
+    assert set(variants) == {"gate's average", "uniform", "without 0", "without 1", "without 2"}
+    assert gate_with(variants["uniform"]).mean == pytest.approx([1 / 3] * 3, abs=1e-5)
+    constant = gate_with(variants["gate's average"])
+    assert constant.mean == pytest.approx(free.mean, abs=1e-5)
+    assert constant.information == pytest.approx(0.0, abs=1e-4)
+    without = gate_with(variants["without 1"])
+    assert without.mean[1] == 0.0
+    assert sum(without.mean) == pytest.approx(1.0, abs=1e-5)
+
+
+@pytest.mark.slow
+def test_the_table_of_two_policies(tmp_path, capsys):
+    one, three = write(tmp_path / "one.safetensors", 1), write(tmp_path / "three.safetensors", 3, seed=1)
+    arguments = EvaluateArguments((one, three), tmp_path / "out", 20, kinds=("static",), knock_outs=True)
+    main(arguments)
+    results = json.loads((tmp_path / "out" / "evaluation.json").read_text())
+    assert set(results["one"]) == {"learned"}
+    assert set(results["three"]) == {"learned", "gate's average", "uniform", "without 0", "without 1", "without 2"}
+    row = results["three"]["learned"]["static"]
+    assert row["success"] + row["collision"] + row["timeout"] == pytest.approx(1.0)
+    assert "| three, without 1 |" in capsys.readouterr().out
+
+
+def test_what_cannot_be_evaluated(tmp_path):
+    with pytest.raises(BadArgument, match="one or more"):
+        evaluate(EvaluateArguments(()))
+    with pytest.raises(BadWeights, match=r"no\.safetensors"):
+        evaluate(EvaluateArguments((tmp_path / "no.safetensors",)))

@@ -1,0 +1,225 @@
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+import torch
+from torch.multiprocessing.spawn import start_processes
+
+from tests.train.navigation.open_ground import OpenGround
+from train.arena.config import ArenaConfig
+from train.locomotion.curves import read_log
+from train.navigation import run as run_module
+from train.navigation.networks import NetworkConfig
+from train.navigation.ppo import Learner, PpoConfig
+from train.navigation.rewards import REWARDS
+from train.navigation.run import RunConfig, Training
+from train.navigation.skills import skill_labels
+from train.navigation.stages import STAGES, StageConfig
+from train.navigation.team import Alone, Team
+from train.ppo_common import advantages, log_prob
+from vuca_nav.errors import BadArgument
+from vuca_nav.policy.observation import ObservationConfig
+
+SMALL = ObservationConfig(sectors=4)
+PPO = PpoConfig(worlds=16, horizon=8, minibatch=32, epochs=2)
+NETWORK = NetworkConfig(experts=2, hidden=16, gate=8, critic=16)
+STAGE = StageConfig("tiny", "For tests.", "go_straight", ArenaConfig(), SMALL, NETWORK, PPO, 6 * 16 * 8)
+
+
+def test_advantages_by_hand():
+    rewards = torch.tensor([1.0, 2.0, 3.0]).view(3, 1, 1)
+    values = torch.tensor([0.5, 1.0, 1.5, 2.0]).view(4, 1, 1)
+    done = torch.tensor([False, True, False]).view(3, 1, 1)
+    advantage, target = advantages(rewards, values, done, 0.5, 0.5)
+    # Errors: 1 + .5 * 1 - .5 = 1; 2 - 1 = 1 at the end of an episode; 3 + .5 * 2 - 1.5 = 2.5.
+    assert advantage.flatten().tolist() == pytest.approx([1.0 + 0.25 * 1.0, 1.0, 2.5])
+    assert target.flatten().tolist() == pytest.approx([1.75, 2.0, 4.0])
+
+
+def test_log_probability_of_the_mean():
+    mean, std = torch.zeros(1, 3), torch.tensor([0.5, 1.0, 2.0])
+    assert float(log_prob(mean, mean, std)) == pytest.approx(-1.5 * np.log(2.0 * np.pi))
+
+
+def learner(team=None, ppo=PPO, seed=0, network=NETWORK):
+    mind = Learner(OpenGround(STAGE, ppo.worlds), SMALL, network, ppo, REWARDS["go_straight"], seed, team or Alone())
+    mind.restart()
+    return mind
+
+
+class TwoInOne(Alone):
+    """Stands for two workers: averages with gradients that are put in."""
+
+    def __init__(self, others):
+        self.others = others
+
+    def average_gradients(self, parameters):
+        for parameter, other in zip(parameters, self.others):
+            assert parameter.grad is not None
+            parameter.grad = (parameter.grad + other) / 2.0
+
+
+def part_of(batch, rows):
+    from tensordict import TensorDict
+
+    return TensorDict({key: tensor[rows].clone() for key, tensor in batch.items()}, [len(rows)])
+
+
+def test_averaged_gradients_of_halves_are_those_of_the_whole():
+    generator = torch.Generator().manual_seed(1)
+    batch = {
+        "observation": torch.randn(64, SMALL.size, generator=generator),
+        "action": torch.randn(64, 3, generator=generator), "action_log_prob": torch.zeros(64) - 3.0,
+        "advantage": torch.randn(64, 1, generator=generator), "value_target": torch.randn(64, 1, generator=generator),
+    }  # fmt: skip
+    whole, half = learner(), learner()
+    seen = []
+    half.team = TwoInOne([])
+    half.team.average_gradients = lambda parameters: seen.append([p.grad.clone() for p in parameters])  # type: ignore
+    state = {key: tensor.clone() for key, tensor in half.actor.state_dict().items()}
+    critic = {key: tensor.clone() for key, tensor in half.critic.state_dict().items()}
+    half._update(part_of(batch, torch.arange(32)))
+    half = learner(TwoInOne(seen[0]))
+    half.actor.load_state_dict(state)
+    half.critic.load_state_dict(critic)
+    half._update(part_of(batch, torch.arange(32, 64)))
+    whole._update(part_of(batch, torch.arange(64)))
+    for one, other in zip(half.actor.parameters(), whole.actor.parameters()):
+        assert torch.allclose(one.grad, other.grad, atol=1e-6)  # type: ignore[arg-type]
+    for one, other in zip(half.critic.parameters(), whole.critic.parameters()):
+        assert torch.allclose(one.grad, other.grad, atol=1e-6)  # type: ignore[arg-type]
+
+
+def _meet(rank, meeting, out):
+    team = Team(rank, 2, meeting)
+    parameters = [torch.nn.Parameter(torch.zeros(2, 2)), torch.nn.Parameter(torch.zeros(3))]
+    for k, parameter in enumerate(parameters):
+        parameter.grad = torch.full_like(parameter, float(10 * rank + k))
+    team.average_gradients(parameters)
+    torch.save([parameter.grad for parameter in parameters], out / f"{rank}.pt")
+    team.close()
+
+
+def test_two_processes_average_their_gradients(tmp_path):
+    start_processes(_meet, (tmp_path / "meeting", tmp_path), nprocs=2, start_method="fork")
+    for rank in range(2):
+        first, second = torch.load(tmp_path / f"{rank}.pt", weights_only=True)
+        assert torch.equal(first, torch.full((2, 2), 5.0))
+        assert torch.equal(second, torch.full((3,), 6.0))
+
+
+def test_a_point_learns_to_walk_to_its_goal():
+    ppo = PpoConfig(worlds=64, horizon=16, minibatch=256)
+    mind = learner(ppo=ppo)
+    reports = [mind.iterate(k / 40) for k in range(40)]
+    assert reports[0]["reward/R_g"] < 0.02
+    assert reports[-1]["reward/R_g"] > 0.15  # 3 * 0.1 m straight to the goal would be 0.3
+
+
+def test_critic_first_leaves_the_actor_alone():
+    mind = learner(ppo=dataclasses.replace(PPO, critic_first=1))
+    actor = [p.clone() for p in mind.actor.parameters()]
+    critic = [p.clone() for p in mind.critic.parameters()]
+    mind.iterate(0.0)
+    assert all(torch.equal(p, q) for p, q in zip(actor, mind.actor.parameters()))
+    assert not all(torch.equal(p, q) for p, q in zip(critic, mind.critic.parameters()))
+    mind.iterate(0.0)
+    assert not all(torch.equal(p, q) for p, q in zip(actor, mind.actor.parameters()))
+
+
+def test_a_gate_is_taught_before_the_experts_learn():
+    ppo = dataclasses.replace(PPO, worlds=64, critic_first=12, teach_gate=True, minibatch=128, gate_rate=10.0)
+    mind = learner(ppo=ppo, network=dataclasses.replace(NETWORK, experts=4))
+    experts = [p.clone() for p in mind.actor.layers.parameters()]  # type: ignore[attr-defined]
+    for _ in range(12):
+        mind.iterate(0.0)
+    assert all(torch.equal(p, q) for p, q in zip(experts, mind.actor.layers.parameters()))  # type: ignore[attr-defined]
+    seen = mind._observations.flatten(0, 1)
+    labels = skill_labels(seen, SMALL)
+    assert len(labels.unique()) > 1
+    right = mind.actor.gate(seen).argmax(1) == labels
+    assert float(right.float().mean()) > 0.9
+
+
+def test_only_a_gate_of_four_can_be_taught():
+    with pytest.raises(BadArgument, match="teach_gate"):
+        learner(ppo=dataclasses.replace(PPO, critic_first=1, teach_gate=True))
+
+
+def run(out, stage=STAGE, workers=1, **options):
+    training = Training(stage, RunConfig(1, workers, ()), out, OpenGround, **options)
+    training.run()
+    return training.weights.read_bytes()
+
+
+def numbers(out):
+    rows = read_log(out / "log.jsonl")
+    return [{key: value for key, value in row.items() if "speed" not in key and key != "seconds"} for row in rows]
+
+
+def test_the_same_seed_gives_the_same_bits_also_when_interrupted(tmp_path, monkeypatch):
+    monkeypatch.setattr(run_module, "SAVE_EVERY", 2)
+    whole = run(tmp_path / "whole")
+    assert run(tmp_path / "again") == whole
+
+    real = Learner.iterate
+
+    def torn(self, progress):
+        if self.iteration == 5:
+            raise KeyboardInterrupt
+        return real(self, progress)
+
+    monkeypatch.setattr(Learner, "iterate", torn)
+    with pytest.raises(KeyboardInterrupt):
+        run(tmp_path / "torn")
+    monkeypatch.setattr(Learner, "iterate", real)
+    with pytest.raises(BadArgument, match="--resume"):
+        run(tmp_path / "torn")
+    assert run(tmp_path / "torn", resume=True) == whole
+    assert numbers(tmp_path / "torn") == numbers(tmp_path / "whole")
+    assert len(numbers(tmp_path / "whole")) == 6
+    for name in ("curves.png", "tiny.md", "tensorboard", "config.json"):
+        assert (tmp_path / "whole" / name).exists()
+    with pytest.raises(BadArgument, match=r"stage\.ppo\.gamma"):
+        run(tmp_path / "whole", dataclasses.replace(STAGE, ppo=dataclasses.replace(PPO, gamma=0.9)), resume=True)
+
+
+def test_workers_learn_the_same_from_shares_of_the_worlds(tmp_path):
+    first, second = (run(tmp_path / name, workers=2) for name in "ab")
+    assert first == second
+    assert first != run(tmp_path / "c")
+
+
+@pytest.mark.parametrize(("workers", "what"), [(0, "--workers"), (10_000, "--workers")])
+def test_bad_workers(tmp_path, workers, what):
+    with pytest.raises(BadArgument, match=what):
+        Training(STAGE, RunConfig(0, workers, ()), tmp_path, OpenGround)
+
+
+def test_worlds_must_be_shared_out_evenly(tmp_path):
+    stage = dataclasses.replace(STAGE, ppo=dataclasses.replace(PPO, worlds=15))
+    with pytest.raises(BadArgument, match="15 worlds"):
+        Training(stage, RunConfig(0, 2, ()), tmp_path, OpenGround)
+
+
+@pytest.mark.parametrize(
+    ("config", "field", "value"),
+    [
+        (PPO, "worlds", 0), (PPO, "minibatch", 129), (PPO, "gamma", 1.5), (PPO, "first_rate", float("nan")),
+        (PPO, "entropy", -1.0), (NETWORK, "hidden", 0), (NETWORK, "initial_std", 0.0), (STAGE, "steps", 0),
+    ],
+)  # fmt: skip
+def test_settings_out_of_their_range(config, field, value):
+    with pytest.raises(BadArgument, match=field.partition("_")[0]):
+        dataclasses.replace(config, **{field: value})
+
+
+def test_every_policy_comes_after_those_it_starts_from():
+    seen = set()
+    for name, stage in STAGES.items():
+        assert name == stage.name
+        assert set(stage.sources) <= seen
+        assert len(stage.sources) in (0, stage.network.experts)
+        json.dumps(dataclasses.asdict(stage))
+        seen.add(name)

@@ -1,0 +1,172 @@
+"""The arena: n robots, each in a world of its own, one decision a call."""
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from train.arena.bank import make_bank
+from train.arena.bodies import body_columns
+from train.arena.config import ArenaConfig
+from train.arena.shard import Outputs, Shard
+from vuca_nav.errors import BadArgument
+from vuca_nav.policy.observation import ObservationConfig, Observer
+
+
+class ArenaStep(NamedTuple):
+    """What a decision led to, a row for each robot; the arrays are overwritten by the next step."""
+
+    observation: NDArray[np.float32]
+    """(n, size); of the new episode where one ended."""
+    progress: NDArray[np.float64]
+    """How much nearer the goal is than before, (n,) [m]."""
+    clearance: NDArray[np.float64]
+    """Least true range beyond the footprint, at the end of the decision, ``inf`` if there is nothing, (n,) [m]."""
+    turn_rate: NDArray[np.float64]
+    """Actual, absolute, (n,) [rad/s]."""
+    collided: NDArray[np.bool_]
+    """The footprint overlapped something, (n,)."""
+    reached: NDArray[np.bool_]
+    """The true position came within 0.3 m of the goal, (n,)."""
+    timed_out: NDArray[np.bool_]
+    """The time was up, (n,)."""
+    final_observation: NDArray[np.float32]
+    """(n, size): the last one of an episode that ended; other rows have old ones."""
+
+
+class Arena:
+    """Robots that start anew when their episode ends. The same seed gives the same bits for any number of threads.
+
+    Args:
+        config: Which episodes.
+        observer_config: What the robots see.
+        n: How many robots.
+        seed: Of all episodes; the layouts have their own, ``config.world_seed``.
+        threads: That step the rows; more than there are cores is no use.
+        once: Each row runs one episode and then stays as it is.
+
+    Attributes:
+        n: Number of robots.
+        observation_size: Numbers in an observation.
+        outputs: All that a decision led to.
+
+    Raises:
+        BadArgument: If a number is out of its range, or beams, rates and sectors do not fit each other.
+        BadWorld: If the worlds cannot be made.
+    """
+
+    def __init__(
+        self,
+        config: ArenaConfig,
+        observer_config: ObservationConfig,
+        n: int,
+        seed: int,
+        threads: int = 1,
+        *,
+        once: bool = False,
+    ):
+        if n < 1 or threads < 1 or seed < 0:
+            raise BadArgument(f"arena of {n} robots on {threads} threads, seed {seed}: 1, 1 and 0 or more")
+        threads = min(threads, n)
+        self.config, self.observer_config, self.n = config, observer_config, n
+        bank, bodies = make_bank(config), body_columns(config)
+        atlas = Observer(observer_config, [b.spec for b in bodies.bodies], config.num_beams, config.decision_rate)
+        self.bank, self.bodies = bank, bodies
+        self.observation_size = observer_config.size
+        self.outputs = _outputs(n, observer_config.size)
+        self._bounds = [(k * n // threads, (k + 1) * n // threads) for k in range(threads)]
+        self.shards = [
+            Shard(
+                config, observer_config, bank, bodies, atlas, b - a,
+                Outputs(*(array[a:b] for array in self.outputs)), once,
+            )
+            for a, b in self._bounds
+        ]  # fmt: skip
+        self._pool = ThreadPoolExecutor(threads - 1) if threads > 1 else None
+        self._seed(seed)
+        self._step = ArenaStep(*self.outputs[:8])
+
+    def reset(self, seed: int | None = None) -> NDArray[np.float32]:
+        """New episodes everywhere.
+
+        Args:
+            seed: Of these and all that follow; None goes on with each row's next ones.
+
+        Returns:
+            Their observations, (n, size), borrowed.
+        """
+        if seed is not None:
+            self._seed(seed)
+        for shard in self.shards:
+            shard.reset()
+        return self.outputs.observation
+
+    def restart(self, rows: NDArray[np.bool_]) -> NDArray[np.float32]:
+        """New episodes in some rows; for the others no time passes.
+
+        Args:
+            rows: Which, (n,).
+
+        Returns:
+            Observations of all rows, (n, size), borrowed.
+        """
+        for shard, (a, b) in zip(self.shards, self._bounds):
+            shard.restart(np.flatnonzero(rows[a:b]))
+        return self.outputs.observation
+
+    def _seed(self, seed: int) -> None:
+        """Each row's stream depends on the seed and on the row's index alone."""
+        for shard, (a, b) in zip(self.shards, self._bounds):
+            words = [np.random.SeedSequence((seed, row)).generate_state(1, np.uint64)[0] for row in range(a, b)]
+            shard.rows.stream[:], shard.rows.drawn[:] = words, 0
+
+    def step(self, action: NDArray[np.float32]) -> ArenaStep:
+        """One decision.
+
+        Args:
+            action: (n, 3) shares of the body's limits in [-1, 1]; what is beyond is clipped.
+
+        Raises:
+            BadArgument: If an action is not finite or the shape is wrong.
+        """
+        if action.shape != (self.n, 3):
+            raise BadArgument(f"actions of shape {action.shape}: {(self.n, 3)} is right")
+        if not np.isfinite(action).all():
+            raise BadArgument(f"action of row {int(np.argmin(np.isfinite(action).all(1)))} is not finite")
+        if self._pool is None:
+            self.shards[0].step(action)
+            return self._step
+        parts = [action[a:b] for a, b in self._bounds]
+        waiting = [self._pool.submit(shard.step, part) for shard, part in zip(self.shards[1:], parts[1:])]
+        self.shards[0].step(parts[0])
+        for future in waiting:
+            future.result()
+        return self._step
+
+    @property
+    def active(self) -> NDArray[np.bool_]:
+        """Which rows' episodes go on, (n,): all of them unless each row runs only one."""
+        return np.concatenate([shard.active for shard in self.shards])
+
+    def gather(self, name: str) -> np.ndarray:
+        """A copy of one of the fields of ``Rows``, of all rows."""
+        return np.concatenate([getattr(shard.rows, name) for shard in self.shards])
+
+    def close(self) -> None:
+        """Let the threads go."""
+        if self._pool is not None:
+            self._pool.shutdown()
+
+
+def _outputs(n: int, size: int) -> Outputs:
+    def numbers() -> np.ndarray:
+        return np.zeros(n)
+
+    def flags() -> np.ndarray:
+        return np.zeros(n, np.bool_)
+
+    return Outputs(
+        np.zeros((n, size), np.float32), numbers(), numbers(), numbers(), flags(), flags(), flags(),
+        np.zeros((n, size), np.float32), np.zeros(n, np.int64), numbers(), numbers(),
+    )  # fmt: skip

@@ -1,0 +1,116 @@
+"""Episodes that are the same for every policy: comparisons of policies are paired, row by row."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eval.metrics import RISK_CLAMP, RISK_RANGE
+from train.arena.arena import Arena, ArenaStep
+from train.arena.config import KINDS, TRAINING_SEED, ArenaConfig
+from vuca_nav.policy.observation import ObservationConfig
+from vuca_nav.types import FloatArray
+from worlds.movers import TICK_RATE
+
+EVALUATION_SEED = 0
+"""First seed of the layouts, which no training has seen."""
+Policy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
+"""From observations (n, size) to actions (n, 3)."""
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeRecords:
+    """What came of each episode; all arrays (episodes,)."""
+
+    success: NDArray[np.bool_]
+    collision: NDArray[np.bool_]
+    timeout: NDArray[np.bool_]
+    time: FloatArray
+    """At which the episode ended [s]."""
+    path_length: FloatArray
+    """Of the true path [m]."""
+    shortest: FloatArray
+    """Length of the shortest way if nothing moved [m]."""
+    arsps: FloatArray
+    """Average risk score per step, as eval.metrics has it; less is better."""
+    ansps: FloatArray
+    """Average navigation score per step of 1/30 s, as eval.metrics has it."""
+    min_clearance: FloatArray
+    """Least true range beyond the footprint at a decision [m]."""
+    kind: NDArray[np.int64]
+    """Of world, index into KINDS."""
+    body: NDArray[np.int64]
+    """0 TIAGo, 1 Go2, from 2 on drawn ones."""
+
+    def of(self, kind: str) -> "EpisodeRecords":
+        """The episodes in one kind of world."""
+        chosen = self.kind == KINDS.index(kind)
+        return EpisodeRecords(**{field.name: getattr(self, field.name)[chosen] for field in fields(self)})
+
+
+class Evaluation:
+    """Episode i depends on the configuration, the seed and i: every policy meets the same worlds, bodies and movers.
+
+    Args:
+        config: Which episodes. Unless it names layouts of its own, those for evaluation are taken.
+        observer_config: What the policy sees; episodes do not depend on it.
+        episodes: How many.
+        seed: Of the episodes.
+        threads: That step them.
+
+    Attributes:
+        observation: (episodes, size) float32, borrowed.
+        arena: With a row for each episode; one that has ended stays as it was.
+    """
+
+    def __init__(
+        self, config: ArenaConfig, observer_config: ObservationConfig, episodes: int, seed: int, threads: int = 1
+    ):
+        if config.world_seed == TRAINING_SEED:
+            config = replace(config, world_seed=EVALUATION_SEED)
+        self.arena = Arena(config, observer_config, episodes, seed, threads, once=True)
+        self.observation = self.arena.reset()
+        state = self.arena.gather
+        self._start_distance = state("distance")
+        self._shortest = state("task")[:, 4]
+        self._kind, self._body = state("kind"), state("body")
+        self._risk, self._decisions = np.zeros(episodes), np.zeros(episodes)
+        self._path, self._closest = np.zeros(episodes), self.arena.outputs.clearance.copy()
+        self._time = np.zeros(episodes)
+        self._ticks = TICK_RATE / config.decision_rate
+
+    @property
+    def active(self) -> NDArray[np.bool_]:
+        """Which episodes still go on, (episodes,)."""
+        return self.arena.active
+
+    def step(self, action: NDArray[np.float32]) -> ArenaStep:
+        """One decision of those that still go on."""
+        before, out = self.active, self.arena.outputs
+        nearest = np.maximum(out.nearest, RISK_CLAMP)
+        risk = np.maximum(RISK_RANGE - nearest, 0.0) / np.minimum(nearest, RISK_RANGE)
+        step = self.arena.step(action)
+        self._risk[before] += risk[before]
+        self._decisions[before] += 1.0
+        self._path[before] += out.way[before]
+        self._closest[before] = np.minimum(self._closest, out.clearance)[before]
+        now = self.active
+        self._time[before] += np.where(now, self._ticks, out.ended)[before] / TICK_RATE
+        return step
+
+    def run(self, policy: Policy) -> EpisodeRecords:
+        """All episodes to their ends."""
+        while self.active.any():
+            self.step(policy(self.observation))
+        return self.records()
+
+    def records(self) -> EpisodeRecords:
+        """What has come of the episodes; of one that still goes on, what has been so far."""
+        out, steps = self.arena.outputs, np.maximum(self._time * TICK_RATE, 1.0)
+        gained = (self._start_distance - self.arena.gather("distance")) / self._start_distance
+        return EpisodeRecords(
+            out.reached.copy(), out.collided.copy(), out.timed_out.copy(), self._time.copy(), self._path.copy(),
+            self._shortest.copy(), self._risk / np.maximum(self._decisions, 1.0), gained / steps,
+            self._closest.copy(), self._kind.copy(), self._body.copy(),
+        )  # fmt: skip

@@ -1,0 +1,62 @@
+"""The arena as a gymnasium vector environment."""
+
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from train.arena.arena import Arena
+from train.navigation.rewards import TERMS, find_rewards, reward_terms
+
+
+class ArenaVectorEnv(VectorEnv):
+    """n robots. Where an episode ends, the observation is the next one's first, and ``infos["final_obs"]`` its last.
+
+    Args:
+        arena: Whose rows.
+        rewards: Column of the paper's Table I.
+
+    Raises:
+        UnknownName: If there is no such column.
+    """
+
+    metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}  # noqa: RUF012  (gymnasium's own form)
+
+    def __init__(self, arena: Arena, rewards: str = "fusion"):
+        self._arena, self._weights = arena, find_rewards(rewards)
+        self._terms = np.zeros((len(TERMS), arena.n), np.float32)
+        self.num_envs = arena.n
+        self.single_observation_space = spaces.Box(-np.inf, np.inf, (arena.observation_size,), np.float32)
+        self.single_action_space = spaces.Box(-1.0, 1.0, (3,), np.float32)
+        self.observation_space = batch_space(self.single_observation_space, arena.n)
+        self.action_space = batch_space(self.single_action_space, arena.n)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """New episodes everywhere; with a seed, always the same ones."""
+        return self._arena.reset(seed).copy(), {}
+
+    def step(
+        self, actions: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """One decision of all robots.
+
+        Args:
+            actions: (n, 3) shares of the body's limits in [-1, 1].
+        """
+        step = self._arena.step(actions)
+        reward_terms(step, self._weights, self._terms)
+        infos: dict[str, Any] = {"reached": step.reached.copy(), "collided": step.collided.copy()}
+        terminated, truncated = step.collided | step.reached, step.timed_out.copy()
+        ended = terminated | truncated
+        if ended.any():
+            infos["final_obs"], infos["_final_obs"] = step.final_observation.copy(), ended
+        return step.observation.copy(), self._terms.sum(axis=0), terminated, truncated, infos
+
+    def close_extras(self, **_: Any) -> None:
+        """Let the arena's threads go."""
+        self._arena.close()

@@ -1,0 +1,114 @@
+"""What each robot of the arena carries from decision to decision."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from train.arena.bank import MAX_PARTS, Bank
+from worlds.mover_columns import STATE_SIZE
+
+RING = 16
+"""Commands that are remembered [ticks]: more than the longest delay."""
+SCALE_ODOMETRY, TURN_ODOMETRY = 0, 1
+"""Columns of odometry's errors."""
+START_X, START_Y, GOAL_X, GOAL_Y, SHORTEST = range(5)
+"""Columns of a task."""
+GAIN, KEEP, DELAY, NOISE, ACCELERATION = range(5)
+"""Columns of an episode's response: KEEP is exp(-dt / lag), DELAY is in ticks."""
+
+
+class Rows(NamedTuple):
+    """State of n robots and their worlds; SI units."""
+
+    kind: np.ndarray
+    """Of world, index into KINDS, (n,)."""
+    body: np.ndarray
+    """Which of the bodies, (n,)."""
+    layout: np.ndarray
+    """(n,)"""
+    task: np.ndarray
+    """(n, 5)"""
+    pose: np.ndarray
+    """x, y, yaw in the world, (n, 3)."""
+    velocity: np.ndarray
+    """In base_link without the response's noise, (n, 3)."""
+    response: np.ndarray
+    """(n, 3, 5)"""
+    latency: np.ndarray
+    """[ticks], (n,)"""
+    commands: np.ndarray
+    """Ring of past commands, (n, RING, 3)."""
+    ticks: np.ndarray
+    """Since the episode's start, (n,)."""
+    time_limit: np.ndarray
+    """[ticks], (n,)"""
+    distance: np.ndarray
+    """To the goal, (n,)."""
+    pose_error: np.ndarray
+    """Of the pose that the goal is given by, in the world, (n, 3)."""
+    odometry: np.ndarray
+    """Relative errors of this episode, (n, 2)."""
+    wanted: np.ndarray
+    """Movers, (n,)."""
+    speeds: np.ndarray
+    """Of the movers, (n, 2)."""
+    keep_off: np.ndarray
+    """(n,)"""
+    world_seed: np.ndarray
+    """Of the movers, (n,) uint64."""
+    counts: np.ndarray
+    """Movers, (n,)."""
+    kinds: np.ndarray
+    """(n, m)"""
+    constants: np.ndarray
+    """(n, m, 5)"""
+    movers: np.ndarray
+    """(n, m, STATE_SIZE)"""
+    headings: np.ndarray
+    """cos, sin, (n, m, 2)"""
+    seeds: np.ndarray
+    """(n, m)"""
+    counters: np.ndarray
+    """(n, m)"""
+    pauses: np.ndarray
+    """(n, m, 4)"""
+    waypoints: np.ndarray
+    """(n, 2 m, 2)"""
+    num_parts: np.ndarray
+    """(n,)"""
+    parts: np.ndarray
+    """(n, p, LEVEL_COLUMNS)"""
+    part_local: np.ndarray
+    """(n, p, 5)"""
+    part_mover: np.ndarray
+    """(n, p)"""
+    stream: np.ndarray
+    """Seed of the row, (n,) uint64."""
+    drawn: np.ndarray
+    """Numbers drawn from it, (n,) uint64."""
+
+    @classmethod
+    def zeros(cls, n: int, movers: int, bank: Bank) -> "Rows":
+        """Robots that will all be reset."""
+        m = max(movers, 1)
+        p = m * MAX_PARTS
+        columns = bank.static.shape[1]
+
+        def floats(*shape: int) -> np.ndarray:
+            return np.zeros((n, *shape))
+
+        def ints(*shape: int) -> np.ndarray:
+            return np.zeros((n, *shape), np.int64)
+
+        def words(*shape: int) -> np.ndarray:
+            return np.zeros((n, *shape), np.uint64)
+
+        return cls(
+            kind=ints(), body=ints(), layout=ints(), task=floats(5), pose=floats(3), velocity=floats(3),
+            response=floats(3, 5), latency=ints(), commands=floats(RING, 3), ticks=ints(), time_limit=ints(),
+            distance=floats(), pose_error=floats(3), odometry=floats(2), wanted=ints(), speeds=floats(2),
+            keep_off=floats(), world_seed=words(), counts=ints(), kinds=ints(m), constants=floats(m, 5),
+            movers=floats(m, STATE_SIZE), headings=floats(m, 2), seeds=words(m), counters=words(m),
+            pauses=floats(m, 4), waypoints=floats(2 * m, 2), num_parts=ints(), parts=floats(p, columns),
+            part_local=floats(p, 5), part_mover=ints(p), stream=words(), drawn=words(),
+        )  # fmt: skip

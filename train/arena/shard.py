@@ -1,0 +1,236 @@
+"""A share of the arena's rows, stepped by one thread: the order in which everything happens in a decision."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eval.metrics import GOAL_TOLERANCE
+from robots.clearance import overlaps_batch
+from train.arena.bank import Bank
+from train.arena.bodies import LARGEST_RADIUS, WHEEL_SPEED, BodyColumns
+from train.arena.config import KINDS, ArenaConfig
+from train.arena.kernels import assign_parts, draw_episodes, drive, judge, sense
+from train.arena.rows import Rows
+from vuca_nav.policy.observation import ObservationConfig, Observer, command_from_action
+from vuca_nav.types import FloatArray, LidarSpec
+from worlds.level_scan import cast_level
+from worlds.movers import TICK, TICK_RATE, TURN_RATE
+from worlds.walk import place_batch, walk_batch
+
+MOVER_DISTANCE = 1.5
+"""Free room between a mover and the robot's footprint at its start [m]."""
+STANDING = (3.0, 1.5)
+"""Mean times that a mover which stops and goes does the one and the other, the other way round [s]."""
+NOISE_TABLE = 1 << 16
+"""Range noise is read from a table of so many beams, from a place drawn for each scan."""
+_TURN = np.array([math.cos(TURN_RATE * TICK), math.sin(TURN_RATE * TICK)])
+MOVING_KINDS = np.array([kind != "static" for kind in KINDS])
+
+
+class Outputs(NamedTuple):
+    """What a decision led to, n rows."""
+
+    observation: np.ndarray
+    progress: np.ndarray
+    clearance: np.ndarray
+    turn_rate: np.ndarray
+    collided: np.ndarray
+    reached: np.ndarray
+    timed_out: np.ndarray
+    final_observation: np.ndarray
+    ended: np.ndarray
+    """Tick of this decision after which the episode ended."""
+    way: np.ndarray
+    """[m]"""
+    nearest: np.ndarray
+    """Least reported range before this decision [m]."""
+
+
+class Shard:
+    """Some rows of an arena. Nothing of a row depends on the other rows.
+
+    Args:
+        config: Of the arena.
+        observer_config: What is observed.
+        bank: Layouts, shared by all.
+        bodies: Shared by all.
+        atlas: An observer with a row for each of the bodies.
+        n: Number of rows.
+        outputs: Where this shard's rows of the outputs are, views.
+        once: Whether a row that has ended stays ended.
+    """
+
+    def __init__(
+        self,
+        config: ArenaConfig,
+        observer_config: ObservationConfig,
+        bank: Bank,
+        bodies: BodyColumns,
+        atlas: Observer,
+        n: int,
+        outputs: Outputs,
+        once: bool,
+    ):
+        beams = config.num_beams
+        self.config, self.bank, self.bodies, self.outputs = config, bank, bodies, outputs
+        self.n = n
+        self._atlas, self._once = atlas, once
+        self._num_ticks = round(TICK_RATE / config.decision_rate)
+        self._period = 1.0 / config.decision_rate
+        self.rows = Rows.zeros(n, config.movers[1], bank)
+        first = [body.spec for body in bodies.bodies[:1]] * n
+        self._observer = Observer(observer_config, first, beams, config.decision_rate)
+        self._all = np.arange(n)
+        self.active = np.ones(n, np.bool_)
+        ticks, parts = self._num_ticks, self.rows.parts.shape[1]
+        self._poses = np.zeros((n, ticks, 3))
+        self._part_poses = np.zeros((n, ticks, parts, 4))
+        self._twist, self._measured = np.zeros((n, 3)), np.zeros((n, 3))
+        self._motion, self._goals = np.zeros((n, 3)), np.zeros((n, 2))
+        self._hit = np.zeros(n, np.int64)
+        self._moved = np.empty((bodies.footprints.shape[1], 2))
+        self._ranges = np.zeros((n, beams))
+        self._heights, self._radii = np.zeros(n), np.zeros(n)
+        self._lidar_heights = np.zeros(n)
+        self._footprints = np.zeros((n, *bodies.footprints.shape[1:]))
+        self._corners = np.zeros(n, np.int64)
+        self._wheel_arm = np.ascontiguousarray(bodies.shape[:, 3])
+        angles = LidarSpec(num_beams=beams).angles_in_base()
+        self._beams = np.stack([np.cos(angles), np.sin(angles)])
+        self._lidar = LidarSpec()
+        self._reach = min(observer_config.max_range + 1.5 * LARGEST_RADIUS, self._lidar.max_range)
+        self._table = _noise_table(config)
+        flaws = config.imperfections
+        self._episode_flaws = np.array(
+            [flaws.response_spread, flaws.velocity_noise, flaws.odometry_scale, flaws.odometry_turn,
+             flaws.pose_sigma, flaws.yaw_sigma]
+        )  # fmt: skip
+        self._sense_flaws = np.array(
+            [flaws.empty_scan, flaws.twist_sigma, flaws.pose_sigma, flaws.yaw_sigma, flaws.pose_time]
+        )
+        self._mixture = np.array([config.patrols, config.pausing, *STANDING])
+        self._shares, self._body_shares = np.array(config.shares), np.array(config.body_shares)
+        self._movers, self._latency = np.array(config.movers), np.array(flaws.latency)
+        self._speeds = np.array(config.mover_speeds)
+        self._twist_scale = np.ascontiguousarray(bodies.limits[:, :, 1])
+
+    def reset(self) -> None:
+        """New episodes in all rows, and their first observation."""
+        self.active[:] = True
+        self._begin(self._all)
+        self._look(self._all)
+        self._observe(None)
+
+    def restart(self, rows: np.ndarray) -> None:
+        """New episodes in these rows, and their first observation; for the others no time passes."""
+        self.active[rows] = True
+        self._begin(rows)
+        self._look(rows)
+        self._observe(rows)
+
+    def step(self, action: NDArray[np.float32]) -> None:
+        """One decision of all rows; what ended begins anew, or stays ended.
+
+        Args:
+            action: (n, 3) in [-1, 1].
+        """
+        state, out = self.rows, self.outputs
+        rows = self._all if not self._once else np.flatnonzero(self.active)
+        self.drive(rows, action)
+        self.move(rows, self._num_ticks)
+        bank = self.bank
+        overlaps_batch(
+            rows, self._poses, self._footprints, self._corners, self._radii, self._heights, bank.static, state.layout,
+            bank.first, bank.clearance, bank.grid_shape, bank.grids, state.parts, self._part_poses, state.num_parts,
+            self._hit, self._moved,
+        )  # fmt: skip
+        judge(
+            rows, self._poses, self._hit, state.task, state.ticks, state.time_limit, GOAL_TOLERANCE, state.distance,
+            out.progress, out.collided, out.reached, out.timed_out, out.ended,
+        )  # fmt: skip
+        out.turn_rate[rows] = np.abs(self._twist[rows, 2])
+        self._look(rows)
+        self._observe(None)
+        over = rows[(out.collided | out.reached | out.timed_out)[rows]]
+        if self._once:
+            self.active[over] = False
+        elif len(over):
+            clearance, out.final_observation[over] = out.clearance[over], out.observation[over]
+            self.restart(over)
+            out.clearance[over] = clearance
+
+    def drive(self, rows: np.ndarray, action: NDArray[np.float32]) -> None:
+        """Carry the actions out for a decision's ticks."""
+        state = self.rows
+        wanted = command_from_action(action.astype(np.float64), self._observer.limits)
+        drive(
+            rows, TICK, wanted, state.body, self._wheel_arm, WHEEL_SPEED, state.stream, state.drawn, state.pose,
+            state.velocity, state.response, state.latency, state.commands, state.ticks, state.odometry, self._poses,
+            self._twist, self._motion, self.outputs.way,
+        )  # fmt: skip
+
+    def move(self, rows: np.ndarray, ticks: int) -> None:
+        """The movers' ticks of a decision, or with 0 their first choice. They do not see the robots."""
+        state, bank = self.rows, self.bank
+        walk_batch(
+            rows, TICK, ticks, _TURN, state.counts, state.constants, state.movers, state.headings, state.seeds,
+            state.counters, state.pauses, bank.away, bank.grid_shape, bank.grids, state.layout, state.waypoints,
+            state.num_parts, state.part_local, state.part_mover, self._part_poses,
+        )  # fmt: skip
+
+    def _begin(self, rows: np.ndarray) -> None:
+        """New episodes."""
+        state, bank, bodies, config = self.rows, self.bank, self.bodies, self.config
+        draw_episodes(
+            rows, TICK, self._shares, self._body_shares, bodies.first, bank.kind_first, bank.pairs, MOVING_KINDS,
+            self._movers, self._speeds, bodies.shape, bodies.limits, bodies.response, self._episode_flaws,
+            self._latency, config.time_factor, config.time_slack, MOVER_DISTANCE, state.stream, state.drawn,
+            state.kind, state.body, state.layout, state.task, state.pose, state.velocity, state.response,
+            state.latency, state.commands, state.ticks, state.time_limit, state.distance, state.pose_error,
+            state.odometry, state.wanted, state.speeds, state.keep_off, state.world_seed,
+        )  # fmt: skip
+        place_batch(
+            rows, state.wanted, bank.mover_radius, self._mixture, state.task[:, 0:2], state.task[:, 2:4],
+            state.keep_off, state.speeds, state.world_seed, bank.places, bank.places_of, bank.away, bank.grid_shape,
+            bank.grids, state.layout, state.kinds, state.counts, state.constants, state.movers, state.headings,
+            state.seeds, state.counters, state.pauses, state.waypoints,
+        )  # fmt: skip
+        assign_parts(
+            rows, state.counts, state.kinds, bank.part_shapes, bank.part_local, bank.part_count, state.num_parts,
+            state.parts, state.part_local, state.part_mover,
+        )  # fmt: skip
+        self.move(rows, 0)
+        body = state.body[rows]
+        self._footprints[rows], self._corners[rows] = bodies.footprints[body], bodies.corners[body]
+        self._radii[rows], self._lidar_heights[rows], self._heights[rows] = bodies.shape[body, :3].T
+        self._observer.take_bodies(rows, self._atlas, body)
+        self._observer.reset(rows)
+        self._twist[rows], self._motion[rows] = 0.0, 0.0
+
+    def _look(self, rows: np.ndarray) -> None:
+        """Scans of these rows, the truth about them, and what the stack is given."""
+        state, bank, out = self.rows, self.bank, self.outputs
+        cast_level(
+            rows, state.pose, self._lidar_heights, bank.static, state.layout, bank.first, state.parts,
+            self._part_poses[:, -1], state.num_parts, self._beams, self._reach, self._ranges,
+        )  # fmt: skip
+        sense(
+            rows, self._period, self._table, self._sense_flaws, self._twist_scale, state.body, state.pose, state.task,
+            self._twist, state.stream, state.drawn, self._observer.outline, state.pose_error, self._lidar.min_range,
+            self._lidar.max_range, self._ranges, out.clearance, out.nearest, self._goals, self._measured,
+        )  # fmt: skip
+
+    def _observe(self, first_of: np.ndarray | None) -> None:
+        self._observer.observe(
+            self._ranges, self._goals, self._measured, self._motion, self.outputs.observation, first_of
+        )
+
+
+def _noise_table(config: ArenaConfig) -> FloatArray:
+    rng = np.random.default_rng(np.random.SeedSequence((config.world_seed, 9)))
+    flaws = config.imperfections
+    table = flaws.range_sigma * rng.standard_normal(NOISE_TABLE + config.num_beams)
+    table[rng.random(len(table)) < flaws.dropout] = np.inf
+    return table

@@ -1,0 +1,71 @@
+"""The page that goes with weights: what they are, how they came about, what they did in training."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import torch
+
+from train.navigation.rewards import TERMS, find_rewards
+from train.navigation.stages import StageConfig
+
+if TYPE_CHECKING:
+    from train.navigation.run import RunConfig
+
+
+def write_card(
+    path: Path, stage: StageConfig, run: "RunConfig", steps: int, seconds: float, log: list[dict[str, float]]
+) -> None:
+    """Write the Markdown page of a finished run.
+
+    Args:
+        path: ``.md``.
+        stage: What was learnt.
+        run: From what, by whom.
+        steps: Decisions made.
+        seconds: The training took.
+        log: Its rows.
+    """
+    tail = log[-max(len(log) // 50, 1) :]
+
+    def last(key: str) -> float:
+        return sum(row[key] for row in tail) / len(tail)
+
+    observation, network = stage.observation, stage.network
+    rewards = ", ".join(f"{term} {weight:g}" for term, weight in zip(TERMS, find_rewards(stage.rewards)))
+    sources = ", ".join(source.stem for source in run.sources) or "nothing: random weights"
+    lines = [
+        f"# {stage.name}",
+        "",
+        f"A local navigation policy. {stage.about}",
+        "",
+        f"- Command: `{run.command}`, torch {torch.__version__}; seed {run.seed}, {run.workers} workers",
+        f"- Steps: {steps:,} decisions at {stage.arena.decision_rate:g} Hz in {seconds / 60:.1f} minutes "
+        f"({steps / max(seconds, 1e-9):,.0f} a second)",
+        f"- Started from: {sources}",
+        f"- Observation: {observation.kind}, {observation.sectors} sectors to {observation.max_range:g} m, "
+        f"{observation.size} numbers",
+        f"- Network: {network.experts} x ({network.hidden}, {network.hidden}), gate {network.gate}, critic "
+        f"({network.critic}, {network.critic}), {network.activation}",
+        f"- Weights of the rewards: {rewards}",
+        f"- PPO: `{json.dumps(asdict(stage.ppo))}`",
+        f"- Arena: `{json.dumps(asdict(stage.arena))}`",
+        "",
+        "At the end of the training, with the noise of exploration, of the episodes that ended:",
+        "",
+        "| reached | collided | timed out | reward a decision | entropy of the gate |",
+        "|---|---|---|---|---|",
+        f"| {last('episodes/reached'):.1%} | {last('episodes/collided'):.1%} | {last('episodes/timed_out'):.1%} "
+        f"| {last('reward/total'):.3f} | {last('gate/entropy'):.2f} of {_most(network.experts):.2f} |",
+        "",
+        "![learning curves](curves.png)",
+        "",
+    ]
+    temporary = path.with_suffix(".tmp")
+    temporary.write_text("\n".join(lines))
+    temporary.replace(path)
+
+
+def _most(experts: int) -> float:
+    return float(torch.tensor(float(experts)).log())

@@ -1,0 +1,72 @@
+"""``vuca train`` for navigation policies: arguments to stages, one after another."""
+
+import os
+import shlex
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from train.navigation.environment import ArenaEnvironment
+from train.navigation.run import RunConfig, Training
+from train.navigation.stages import EVERYTHING, StageConfig, find_stage, from_scratch
+from vuca_nav.cli import parse
+from vuca_nav.errors import BadArgument
+
+
+@dataclass(frozen=True)
+class NavigationArguments:
+    """Train navigation policies in the batched arena."""
+
+    out: Path = Path("runs/navigation")
+    """Directory that holds a directory for each policy, with its checkpoint, log, TensorBoard files, curves, weights
+    and their page; policies to start from are looked for here, too."""
+    seed: int = 0
+    workers: Annotated[int, tyro.conf.arg(metavar="N")] = field(default_factory=lambda: len(os.sched_getaffinity(0)))
+    """Processes that learn together, a core each; by default as many as there are cores. Another number gives other
+    weights."""
+    resume: bool = False
+    """Go on with what is in --out."""
+    from_scratch: bool = False
+    """Start experts from random weights, not from trained policies."""
+
+
+def train_navigation(name: str, argv: list[str]) -> int:
+    """Train one policy, or all of them.
+
+    Args:
+        name: Of a stage, or "all".
+        argv: What follows it.
+
+    Returns:
+        The exit code.
+    """
+    if name == "all":
+        arguments = parse(NavigationArguments, "train all", argv)
+        for stage in EVERYTHING:
+            _train(find_stage(stage), arguments, shlex.join(["vuca", "train", "all", *argv]))
+        return 0
+    find_stage(name)
+
+    @dataclass(frozen=True)
+    class StageArguments(NavigationArguments):
+        """Train a navigation policy in the batched arena; every setting of it can be changed."""
+
+        stage: StageConfig = field(default_factory=lambda: find_stage(name))
+
+    arguments = parse(StageArguments, f"train {name}", argv)
+    _train(arguments.stage, arguments, shlex.join(["vuca", "train", name, *argv]))
+    return 0
+
+
+def _train(stage: StageConfig, arguments: NavigationArguments, command: str) -> None:
+    if arguments.seed < 0:
+        raise BadArgument(f"the seed must be 0 or more, got {arguments.seed}")
+    if arguments.from_scratch:
+        stage = from_scratch(stage)
+    sources = tuple(arguments.out / source / f"{source}.safetensors" for source in stage.sources)
+    run = RunConfig(arguments.seed, arguments.workers, sources, command)
+    training = Training(stage, run, arguments.out / stage.name, ArenaEnvironment, resume=arguments.resume)
+    training.run()
+    print(f"weights: {training.weights}")

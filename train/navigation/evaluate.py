@@ -1,0 +1,244 @@
+"""What weights files are worth in the arena's unseen worlds: every policy meets the same episodes.
+
+``python -m train.navigation.evaluate FILE... --out DIR`` writes ``evaluation.json`` and ``evaluation.md``.
+"""
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import numpy as np
+import torch
+import tyro
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from eval.statistics import Z_95, wilson_interval
+from train.arena.config import KINDS, ArenaConfig
+from train.arena.evaluation import EpisodeRecords, Evaluation
+from train.navigation.networks import FusedActor
+from train.navigation.weights import actor_of
+from vuca_nav.errors import BadArgument
+from vuca_nav.policy.weights_file import PolicyWeights, load_weights
+
+
+@dataclass(frozen=True)
+class EvaluateArguments:
+    """Compare policies in the training arena's unseen worlds."""
+
+    files: tyro.conf.Positional[tuple[Path, ...]]
+    """Weights; the others are compared with the first."""
+    out: Path = Path("evaluation")
+    """Directory of the results."""
+    episodes: int = 500
+    """In each kind of world."""
+    seed: int = 0
+    kinds: tuple[Literal["static", "dynamic", "mixed", "square", "corridor"], ...] = KINDS  # type: ignore[assignment]
+    """Of worlds."""
+    knock_outs: bool = False
+    """Also with the gate overruled: uniform, its own average in each kind of world, and without each expert."""
+    decision_rate: int | None = None
+    """[Hz]; by default what each policy was trained at."""
+    speeds: tuple[float, float] | None = None
+    """Of the movers, over the body's greatest; by default as in training."""
+    threads: int = 1
+
+
+class GateUse(NamedTuple):
+    """How a gate was used in one kind of world."""
+
+    mean: list[float]
+    """Share of each expert."""
+    entropy: float
+    """Mean over the decisions [nat]."""
+    information: float
+    """Mutual information of observation and expert [nat]: 0 if the gate is the same whatever is seen."""
+
+
+class Played(NamedTuple):
+    """A policy in one kind of world."""
+
+    records: EpisodeRecords
+    gate: GateUse
+
+
+def play(
+    actor: FusedActor, evaluation: Evaluation, overrule: NDArray[np.float32] | None = None, title: str = ""
+) -> Played:
+    """All episodes, with the policy's mean actions.
+
+    Args:
+        actor: The policy.
+        evaluation: Fresh episodes.
+        overrule: (experts,) shares to be used whatever the gate says, or a mask (experts,) of zeros and negative
+            infinities to be added to the logarithms of the gate's shares: see ``knock_outs``.
+        title: For the progress bar.
+    """
+    total, entropy, count = torch.zeros(len(actor.layers[0].bias)), 0.0, 0
+    with tqdm(total=evaluation.arena.n, unit="episode", desc=title, leave=False) as bar, torch.no_grad():
+        while (active := evaluation.active).any():
+            observation = torch.from_numpy(evaluation.observation[active])
+            shares = actor.gate(observation)
+            if overrule is not None:
+                shares = _overruled(shares, torch.from_numpy(overrule))
+            total += shares.sum(0)
+            entropy += float(-(shares * shares.clamp_min(1e-12).log()).sum())
+            count += len(shares)
+            action = np.zeros((len(active), 3), np.float32)
+            action[active] = actor.mean(observation, shares).numpy()
+            evaluation.step(action)
+            bar.update(int((~evaluation.active).sum()) - bar.n)
+    mean = total / count
+    of_mean = float(-(mean * mean.clamp_min(1e-12).log()).sum())
+    return Played(evaluation.records(), GateUse(mean.tolist(), entropy / count, of_mean - entropy / count))
+
+
+def _overruled(shares: torch.Tensor, overrule: torch.Tensor) -> torch.Tensor:
+    if torch.isinf(overrule).any():
+        kept = shares * (overrule == 0.0)
+        return kept / kept.sum(1, keepdim=True)
+    return overrule.expand_as(shares)
+
+
+def knock_outs(experts: int, mean: Sequence[float]) -> dict[str, NDArray[np.float32]]:
+    """What a gate can be overruled by: its own average, equal shares, and each expert left out.
+
+    Args:
+        experts: How many there are.
+        mean: (experts,) what the gate does on average.
+    """
+    named = {"gate's average": np.array(mean, np.float32), "uniform": np.full(experts, 1.0 / experts, np.float32)}
+    for k in range(experts):
+        named[f"without {k}"] = np.where(np.arange(experts) == k, -np.inf, 0.0).astype(np.float32)
+    return named
+
+
+def paired_difference(first: NDArray[np.bool_], second: NDArray[np.bool_]) -> tuple[float, float, float]:
+    """How much more often the second succeeded in the same episodes, with its 95% interval.
+
+    Agresti and Min 2005: a half is added to each cell of the table of pairs.
+
+    Args:
+        first: (n,)
+        second: (n,)
+
+    Returns:
+        Difference of the shares, lower and upper end of the interval.
+    """
+    n = len(first) + 2.0
+    gained, lost = float((~first & second).sum()) + 0.5, float((first & ~second).sum()) + 0.5
+    middle = (gained - lost) / n
+    half = Z_95 * math.sqrt(max(gained + lost - (gained - lost) ** 2 / n, 0.0)) / n
+    return float(second.mean()) - float(first.mean()), middle - half, middle + half
+
+
+def summary(played: Played) -> dict:
+    """A row of the table."""
+    records = played.records
+    n, successes = len(records.success), int(records.success.sum())
+    return {
+        "episodes": n, "success": successes / n, "success_interval": wilson_interval(successes, n),
+        "collision": float(records.collision.mean()),
+        "collision_interval": wilson_interval(int(records.collision.sum()), n),
+        "timeout": float(records.timeout.mean()),
+        "time_of_successes": float(records.time[records.success].mean()) if successes else None,
+        "arsps": float(records.arsps.mean()), "ansps": float(records.ansps.mean()), "gate": played.gate._asdict(),
+    }  # fmt: skip
+
+
+def evaluate(arguments: EvaluateArguments) -> dict:
+    """Play everything.
+
+    Returns:
+        ``{policy: {variant: {kind: row}}}``; rows have paired differences with the first policy's same kind, and a
+        variant's with its own policy's trained gate.
+
+    Raises:
+        BadArgument: If there is nothing to be compared, or two policies have the same name.
+        BadWeights: If a file is missing or broken.
+    """
+    if not arguments.files or arguments.episodes < 1:
+        raise BadArgument("give one or more weights files, and --episodes of 1 or more")
+    weights = {path.stem: load_weights(path) for path in arguments.files}
+    if len(weights) < len(arguments.files):
+        raise BadArgument("two of the files have the same name")
+    torch.set_num_threads(arguments.threads)
+    results: dict = {name: {} for name in weights}
+    for kind in arguments.kinds:
+        first: Played | None = None
+        for name, source in weights.items():
+            actor = actor_of(source)
+            learned = play(actor, _episodes(source, kind, arguments), None, f"{kind}: {name}")
+            row = summary(learned)
+            if first is None:
+                first = learned
+            else:
+                row["against_first"] = paired_difference(first.records.success, learned.records.success)
+            results[name].setdefault("learned", {})[kind] = row
+            if not arguments.knock_outs or source.experts == 1:
+                continue
+            for variant, overrule in knock_outs(source.experts, learned.gate.mean).items():
+                other = play(actor, _episodes(source, kind, arguments), overrule, f"{kind}: {name} {variant}")
+                row = summary(other)
+                row["against_learned"] = paired_difference(learned.records.success, other.records.success)
+                results[name].setdefault(variant, {})[kind] = row
+    return results
+
+
+def _episodes(source: PolicyWeights, kind: str, arguments: EvaluateArguments) -> Evaluation:
+    rate = arguments.decision_rate or round(float(source.metadata["decision_rate"]))
+    config = replace(ArenaConfig(decision_rate=rate).of(kind))
+    if arguments.speeds is not None:
+        config = replace(config, mover_speeds=arguments.speeds)
+    return Evaluation(config, source.observation, arguments.episodes, arguments.seed, arguments.threads)
+
+
+def markdown(results: dict, arguments: EvaluateArguments) -> str:
+    """The results as tables, one for each kind of world."""
+    lines = [f"{arguments.episodes} episodes of seed {arguments.seed} in each kind of world, the same for all.", ""]
+    for kind in arguments.kinds:
+        lines += [
+            f"## {kind}", "",
+            "| policy | success % | crash % | time-out % | time [s] | ARSPS | ANSPS x 1000 | gate | gate entropy, "
+            "information | difference in success |",
+            "|---|---|---|---|---|---|---|---|---|---|",
+        ]  # fmt: skip
+        for name, variants in results.items():
+            for variant, kinds in variants.items():
+                row = kinds[kind]
+                low, high = row["success_interval"]
+                against = row.get("against_learned") or row.get("against_first")
+                difference = (
+                    "" if against is None else "{:+.1f} ({:+.1f} to {:+.1f})".format(*(100 * x for x in against))
+                )
+                gate = row["gate"]
+                time = "" if row["time_of_successes"] is None else f"{row['time_of_successes']:.1f}"
+                lines.append(
+                    f"| {name if variant == 'learned' else f'{name}, {variant}'} "
+                    f"| {100 * row['success']:.1f} ({100 * low:.1f}-{100 * high:.1f}) | {100 * row['collision']:.1f} "
+                    f"| {100 * row['timeout']:.1f} | {time} | {row['arsps']:.3f} | {1000 * row['ansps']:.3f} "
+                    f"| {' '.join(f'{share:.2f}' for share in gate['mean'])} "
+                    f"| {gate['entropy']:.2f}, {gate['information']:.3f} | {difference} |"
+                )
+        lines.append("")
+    lines.append(
+        "Differences are paired: with the first policy, of a gate that is overruled with the same policy's own."
+    )
+    return "\n".join([*lines, ""])
+
+
+def main(arguments: EvaluateArguments) -> None:
+    """Play, and write the results."""
+    results = evaluate(arguments)
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    (arguments.out / "evaluation.json").write_text(json.dumps(results, indent=2) + "\n")
+    text = markdown(results, arguments)
+    (arguments.out / "evaluation.md").write_text(text)
+    print(text)
+
+
+if __name__ == "__main__":
+    main(tyro.cli(EvaluateArguments, config=(tyro.conf.FlagCreatePairsOff,)))

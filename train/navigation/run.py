@@ -1,0 +1,225 @@
+"""One stage of the training: workers, checkpoints, curves, and the weights it ends with."""
+
+import json
+import math
+import os
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import torch
+from torch.multiprocessing.spawn import start_processes
+from torch.utils.tensorboard import SummaryWriter
+from tqdm import tqdm
+
+from train.locomotion.curves import read_log
+from train.navigation.card import write_card
+from train.navigation.curves import draw_curves
+from train.navigation.environment import Environment, MakeEnvironment
+from train.navigation.ppo import Learner
+from train.navigation.rewards import find_rewards
+from train.navigation.stages import StageConfig
+from train.navigation.team import Alone, Team
+from train.navigation.weights import export, find_sources, start_from
+from vuca_nav.errors import BadArgument
+
+CHECKPOINT = "checkpoint.pt"
+LOG = "log.jsonl"
+SAVE_EVERY = 50
+"""Iterations between checkpoints; after each, all episodes start anew."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunConfig:
+    """What a run depends on beside its stage."""
+
+    seed: int
+    workers: int
+    """Processes, a core each; another number gives other weights."""
+    sources: tuple[Path, ...]
+    """Weights that the experts start from, or none."""
+    command: str = ""
+    """What was typed, for the page."""
+
+
+class Training:
+    """A run that can be interrupted and gone on with.
+
+    Args:
+        stage: What is learnt, and how.
+        run: By whom, from what.
+        out: Directory of checkpoint, log, curves and weights.
+        make_environment: Builds a worker's arena.
+        resume: Go on with what is in ``out``, if anything is.
+
+    Raises:
+        BadArgument: If ``out`` holds a run and it shall not be resumed, or one of another configuration, or if the
+            worlds or the minibatch cannot be shared out evenly, or the experts cannot start as the sources.
+        BadWeights: If a source is missing or broken.
+    """
+
+    def __init__(
+        self, stage: StageConfig, run: RunConfig, out: Path, make_environment: MakeEnvironment, *, resume: bool = False
+    ):
+        _check(stage, run)
+        self._sources = find_sources(run.sources, stage.network, stage.observation) if run.sources else []
+        if out.exists() and not out.is_dir():
+            raise BadArgument(f"--out {out} is a file, expected a directory")
+        self.stage, self.run_config, self.out, self._make = stage, run, out, make_environment
+        contract = json.loads(json.dumps({"stage": asdict(stage), "seed": run.seed, "workers": run.workers}))
+        config = out / "config.json"
+        if (out / CHECKPOINT).exists():
+            if not resume:
+                raise BadArgument(f"{out} holds a training run; go on with it by --resume, or give another --out")
+            differing = _differences(json.loads(config.read_text()), contract)
+            if differing:
+                raise BadArgument(f"{out} holds a run that differs in {', '.join(differing)}; give another --out")
+        out.mkdir(parents=True, exist_ok=True)
+        config.write_text(json.dumps(contract, indent=2) + "\n")
+
+    @property
+    def weights(self) -> Path:
+        """What the run ends with."""
+        return self.out / f"{self.stage.name}.safetensors"
+
+    def run(self) -> None:
+        """Train until all steps are made.
+
+        An interrupted run loses what it did since its last checkpoint.
+        """
+        run = self.run_config
+        if (self.out / CHECKPOINT).exists() and _load(self.out / CHECKPOINT)["steps"] >= self.stage.steps:
+            return
+        rows = self.stage.ppo.worlds // run.workers
+        environments = [self._make(self.stage, rows) for _ in range(run.workers)]
+        if run.workers == 1:
+            _work(0, self, environments, "")
+            return
+        with tempfile.TemporaryDirectory() as folder:
+            # Forked, a worker has its worlds and torch at once; nothing has begun to use threads yet.
+            meeting = str(Path(folder) / "meeting")
+            start_processes(_work, (self, environments, meeting), nprocs=run.workers, start_method="fork")
+
+    def learn(self, environment: Environment, team: Alone) -> None:
+        """One worker's part."""
+        stage, run = self.stage, self.run_config
+        learner = Learner(
+            environment, stage.observation, stage.network, stage.ppo, find_rewards(stage.rewards), run.seed, team
+        )
+        checkpoint = self.out / CHECKPOINT
+        steps, elapsed = 0, 0.0
+        if checkpoint.exists():
+            state = _load(checkpoint)
+            learner.load(state["learner"])
+            steps, elapsed = state["steps"], state["elapsed"]
+        elif self._sources:
+            noise = torch.Generator().manual_seed(run.seed + 1)
+            start_from(learner.actor, learner.critic, self._sources, stage.copy_noise, noise)
+        reporter = _Reporter(self, learner, steps) if team.rank == 0 else None
+        try:
+            while steps < stage.steps:
+                start = time.perf_counter()
+                if learner.iteration % SAVE_EVERY == 0:
+                    learner.restart()
+                report = learner.iterate(steps / stage.steps)
+                steps += stage.ppo.worlds * stage.ppo.horizon
+                elapsed += time.perf_counter() - start
+                if not all(math.isfinite(value) for value in report.values()):
+                    raise FloatingPointError(f"training diverged at iteration {learner.iteration}: {report}")
+                if reporter is not None:
+                    reporter.report(steps, elapsed, report)
+                    if learner.iteration % SAVE_EVERY == 0 or steps >= stage.steps:
+                        self.save(learner, steps, elapsed)
+        finally:
+            if reporter is not None:
+                reporter.close()
+        if team.rank == 0:
+            draw_curves(self.out / LOG, self.out / "curves.png")
+            write_card(self.weights.with_suffix(".md"), stage, run, steps, elapsed, read_log(self.out / LOG))
+
+    def save(self, learner: Learner, steps: int, elapsed: float) -> None:
+        """Checkpoint and weights, each written aside and then moved."""
+        temporary = self.out / f"{CHECKPOINT}.tmp"
+        torch.save({"learner": learner.state(), "steps": steps, "elapsed": elapsed}, temporary)
+        temporary.replace(self.out / CHECKPOINT)
+        stage, run = self.stage, self.run_config
+        notes = {
+            "command": run.command, "seed": str(run.seed), "workers": str(run.workers), "steps": str(steps),
+            "rewards": stage.rewards, "experts_from": " ".join(source.stem for source in run.sources),
+            "torch": str(torch.__version__),
+        }  # fmt: skip
+        rate = float(stage.arena.decision_rate)
+        export(
+            self.weights, stage.name, learner.actor, learner.critic, stage.network, stage.observation, rate, notes
+        )  # fmt: skip
+
+
+class _Reporter:
+    """Log, TensorBoard and progress bar of a run."""
+
+    def __init__(self, training: Training, learner: Learner, steps: int):
+        log = training.out / LOG
+        if log.exists():  # what came after the checkpoint is lost, and will come again
+            rows = [row for row in read_log(log) if row["iteration"] <= learner.iteration]
+            temporary = log.with_suffix(".tmp")
+            temporary.write_text("".join(json.dumps(row) + "\n" for row in rows))
+            temporary.replace(log)
+        self._learner = learner
+        self._log = log.open("a", buffering=1)
+        self._writer = SummaryWriter(str(training.out / "tensorboard"), purge_step=steps)
+        stage = training.stage
+        self._bar = tqdm(total=stage.steps, initial=steps, unit="step", unit_scale=True, desc=stage.name)
+
+    def report(self, steps: int, elapsed: float, report: dict[str, float]) -> None:
+        row = {"iteration": self._learner.iteration, "steps": steps, "seconds": round(elapsed, 2), **report}
+        self._log.write(json.dumps(row) + "\n")
+        for key, value in report.items():
+            self._writer.add_scalar(key, value, steps)
+        self._bar.set_postfix(
+            reached=f"{report['episodes/reached']:.2f}", crashed=f"{report['episodes/collided']:.2f}",
+            reward=f"{report['reward/total']:.3f}", refresh=False,
+        )  # fmt: skip
+        self._bar.update(min(steps, self._bar.total) - self._bar.n)
+
+    def close(self) -> None:
+        self._log.close()
+        self._writer.close()
+        self._bar.close()
+
+
+def _work(rank: int, training: Training, environments: Sequence[Environment], meeting: str) -> None:
+    """A worker process, or the only one."""
+    torch.set_num_threads(1)
+    team = Team(rank, training.run_config.workers, Path(meeting)) if meeting else Alone()
+    try:
+        training.learn(environments[rank], team)
+    finally:
+        team.close()
+
+
+def _load(checkpoint: Path) -> dict:
+    try:
+        return torch.load(checkpoint, weights_only=True)
+    except Exception as error:  # torch raises whatever the broken bytes lead to
+        raise BadArgument(f"{checkpoint} is not a checkpoint that can be read: {error}") from error
+
+
+def _check(stage: StageConfig, run: RunConfig) -> None:
+    find_rewards(stage.rewards)
+    if run.workers < 1 or run.workers > (os.cpu_count() or 1):
+        raise BadArgument(f"--workers must be 1 to {os.cpu_count()}, got {run.workers}")
+    if stage.ppo.worlds % run.workers or stage.ppo.minibatch % run.workers:
+        raise BadArgument(
+            f"{stage.ppo.worlds} worlds and minibatches of {stage.ppo.minibatch} must be multiples of the "
+            f"{run.workers} workers"
+        )
+
+
+def _differences(old: object, new: object, at: str = "") -> list[str]:
+    """Paths of what is not the same in two trees of JSON."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        keys = sorted({*old, *new})
+        return [d for key in keys for d in _differences(old.get(key), new.get(key), f"{at}.{key}".strip("."))]
+    return [] if old == new else [at]

@@ -1,0 +1,39 @@
+"""The four skills that Section III-B asks for, read off an observation: what a gate can be taught first."""
+
+import math
+
+import torch
+from torch import Tensor
+
+from vuca_nav.policy.observation import ObservationConfig
+
+SKILLS = ("forward", "emergency stop", "turn", "backward")
+"""In the order of the experts: copies of go_straight, obstacle_avoidance, go_straight and obstacle_avoidance."""
+AHEAD = math.radians(45.0)
+"""Half of the sector that is looked at for something in the way [rad]."""
+NEAR, TOO_NEAR = 0.6, 0.3
+"""Clearances ahead at which to stop, and to back off [m]; 0.6 m is where R_o begins to count."""
+ASIDE = math.radians(35.0)
+"""A goal farther off the heading than this asks for a turn [rad]."""
+
+
+def skill_labels(observation: Tensor, config: ObservationConfig) -> Tensor:
+    """The skill that each observation calls for.
+
+    Args:
+        observation: (n, size)
+        config: What it is made of.
+
+    Returns:
+        (n,) indices into ``SKILLS``: backward if something ahead is too near, otherwise emergency stop if it is near,
+        otherwise turn if the goal is aside, otherwise forward.
+    """
+    sectors = config.sectors
+    middles = -math.pi + (torch.arange(sectors) + 0.5) * (2.0 * math.pi / sectors)
+    ahead = middles.abs() < max(AHEAD, math.pi / sectors + 1e-6)
+    clearance = 0.5 * (observation[:, :sectors][:, ahead].amin(1) + 1.0) * config.max_range
+    cosine = observation[:, config.goal_slice.start + 1]
+    labels = (cosine < math.cos(ASIDE)).long() * 2
+    labels[clearance < NEAR] = 1
+    labels[clearance < TOO_NEAR] = 3
+    return labels

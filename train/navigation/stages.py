@@ -1,0 +1,117 @@
+"""What can be trained: a row for each policy."""
+
+import math
+from dataclasses import dataclass, replace
+
+from train.arena.config import ArenaConfig
+from train.navigation.networks import NetworkConfig
+from train.navigation.ppo import PpoConfig
+from vuca_nav.errors import BadArgument, UnknownName
+from vuca_nav.policy.observation import ObservationConfig
+
+
+@dataclass(frozen=True, slots=True)
+class StageConfig:
+    """A policy to be trained."""
+
+    name: str
+    about: str
+    """A sentence for its page."""
+    rewards: str
+    """A column of Table I."""
+    arena: ArenaConfig
+    observation: ObservationConfig
+    network: NetworkConfig
+    ppo: PpoConfig
+    steps: int
+    """Decisions to be made, of all worlds together."""
+    sources: tuple[str, ...] = ()
+    """The policies that the experts start as."""
+    copy_noise: float = 0.05
+    """What is added to every second copy of a policy, as a share of its matrices' deviation."""
+
+    def __post_init__(self) -> None:
+        """Raises BadArgument for what is out of its range."""
+        if self.steps < 1 or not 0.0 <= self.copy_noise < math.inf:
+            raise BadArgument(f"steps must be 1 or more, copy_noise 0 or more, got {self.steps}, {self.copy_noise}")
+
+
+_PAPER, _TRACKED = ObservationConfig(), ObservationConfig(kind="tracked")
+_FIRST = PpoConfig()
+_WARM = PpoConfig(first_rate=6e-4, critic_first=10)
+_SECOND = PpoConfig(horizon=64, minibatch=4096, first_rate=6e-4, last_rate=5e-5, entropy=0.0, critic_first=10)
+_SECOND_FROM_SCRATCH = PpoConfig(horizon=64, minibatch=4096, first_rate=1e-3, last_rate=5e-5)
+_FOUR = NetworkConfig(experts=4, initial_std=0.25)
+_COPIES = ("go_straight", "obstacle_avoidance", "go_straight", "obstacle_avoidance")
+
+
+_ALL = (
+    StageConfig(
+        name="go_straight",
+        about="An expert for walls and roadblocks, which hates turning (Section III-B, first stage).",
+        rewards="go_straight", arena=ArenaConfig().of("static"), observation=_PAPER,
+        network=NetworkConfig(), ppo=_FIRST, steps=6_000_000,
+    ),
+    StageConfig(
+        name="obstacle_avoidance",
+        about="An expert for things that move, which hates to be near them (Section III-B, first stage). Warm: "
+        "from scratch it learns to wait, which the printed rewards pay for.",
+        rewards="obstacle_avoidance", arena=ArenaConfig().of("dynamic"), observation=_PAPER,
+        network=NetworkConfig(initial_std=0.25), ppo=_WARM, steps=6_000_000, sources=("go_straight",),
+    ),
+    StageConfig(
+        name="single",
+        about="One network of an expert's size, trained from scratch as long and for the same as the fused ones.",
+        rewards="fusion", arena=ArenaConfig(), observation=_PAPER,
+        network=NetworkConfig(), ppo=_SECOND_FROM_SCRATCH, steps=12_000_000,
+    ),
+    StageConfig(
+        name="fusion",
+        about="Four networks, two copies of each expert, their weights and biases fused at every step by a gate, "
+        "all trained together (Section III-B, second stage).",
+        rewards="fusion", arena=ArenaConfig(), observation=_PAPER, network=_FOUR, ppo=_SECOND,
+        steps=12_000_000, sources=_COPIES,
+    ),
+    StageConfig(
+        name="base_plus",
+        about="One network that sees tracks of what moves, trained from scratch: where the other two go on from.",
+        rewards="fusion", arena=ArenaConfig(), observation=_TRACKED,
+        network=NetworkConfig(), ppo=_SECOND_FROM_SCRATCH, steps=10_000_000,
+    ),
+    StageConfig(
+        name="single_plus",
+        about="One network that sees tracks of what moves, trained on from base_plus as long as fusion_plus is.",
+        rewards="fusion", arena=ArenaConfig(), observation=_TRACKED,
+        network=NetworkConfig(initial_std=0.25), ppo=_SECOND, steps=12_000_000, sources=("base_plus",),
+    ),
+    StageConfig(
+        name="fusion_plus",
+        about="Four copies of base_plus, fused by a gate that is first taught which skill is called for and then paid "
+        "for making up its mind.",
+        rewards="fusion", arena=ArenaConfig(), observation=_TRACKED, network=_FOUR,
+        ppo=replace(_SECOND, gate_information=0.02, teach_gate=True), steps=12_000_000, sources=("base_plus",) * 4,
+    ),
+)  # fmt: skip
+STAGES = {stage.name: stage for stage in _ALL}
+"""Every policy, each after those that it starts from. ``_plus`` goes beyond the paper: in place of scan differences
+the policy sees tracks of what moves, and the body's limits; and the gate is first taught which skill is called for,
+then paid for making up its mind."""
+EVERYTHING = tuple(STAGES)
+"""What ``vuca train all`` trains, in this order."""
+
+
+def find_stage(name: str) -> StageConfig:
+    """A stage by its name.
+
+    Raises:
+        UnknownName: If there is no such stage.
+    """
+    if name not in STAGES:
+        raise UnknownName("policy", name, (*STAGES, "all", "locomotion"))
+    return STAGES[name]
+
+
+def from_scratch(stage: StageConfig) -> StageConfig:
+    """The same stage without anything to start from, and so without a gate that is taught while experts wait."""
+    ppo = replace(stage.ppo, critic_first=0, teach_gate=False, first_rate=_FIRST.first_rate)
+    return replace(stage, sources=(), ppo=ppo)

@@ -1,0 +1,145 @@
+"""Policies as files: safetensors as ``vuca_nav.policy`` reads them, and as the next stage starts from them."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from safetensors.numpy import save
+from torch import Tensor, nn
+
+from train.navigation.networks import FusedActor, NetworkConfig
+from vuca_nav.errors import BadArgument
+from vuca_nav.policy.observation import ObservationConfig
+from vuca_nav.policy.weights_file import FORMAT, PolicyWeights, load_weights
+
+
+def export(
+    path: Path, name: str, actor: FusedActor, critic: nn.Module, network: NetworkConfig,
+    observation: ObservationConfig, decision_rate: float, notes: dict[str, str],
+) -> None:  # fmt: skip
+    """Write a policy; the file is there whole or not at all.
+
+    Args:
+        path: ``.safetensors``.
+        name: Of the policy.
+        actor: Its experts and its gate.
+        critic: Values of the observation.
+        network: Sizes.
+        observation: What it looks at.
+        decision_rate: Actions a second it was trained at [Hz].
+        notes: How it was trained.
+    """
+    tensors: dict[str, Tensor] = {}
+    for k, layer in enumerate(actor.layers):
+        tensors[f"weight_{k}"], tensors[f"bias_{k}"] = layer.weight, layer.bias
+    for prefix, module in (("gate_", actor.gate_layers), ("critic_", critic)):
+        linear = [] if module is None else [layer for layer in module.modules() if isinstance(layer, nn.Linear)]
+        for k, layer in enumerate(linear):
+            tensors[f"{prefix}weight_{k}"], tensors[f"{prefix}bias_{k}"] = layer.weight, layer.bias
+    tensors["mean"], tensors["scale"] = torch.zeros(observation.size), torch.ones(observation.size)
+    arrays = {key: np.ascontiguousarray(tensor.detach().numpy(), np.float32) for key, tensor in tensors.items()}
+    metadata = {
+        "format": FORMAT, "name": name, "observation": json.dumps(asdict(observation)),
+        "activation": network.activation, "decision_rate": str(decision_rate), **notes,
+    }  # fmt: skip
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_suffix(".tmp")
+    temporary.write_bytes(_sorted(save(arrays, metadata)))
+    temporary.replace(path)
+
+
+def _sorted(data: bytes) -> bytes:
+    """Let the same weights be the same bytes: safetensors writes its metadata in any order."""
+    end = 8 + int.from_bytes(data[:8], "little")
+    header = json.dumps(json.loads(data[8:end]), sort_keys=True, separators=(",", ":")).encode()
+    header += b" " * (-len(header) % 8)
+    return len(header).to_bytes(8, "little") + header + data[end:]
+
+
+def start_from(
+    actor: FusedActor, critic: nn.Module, sources: Sequence[PolicyWeights], noise: float, generator: torch.Generator
+) -> None:
+    """Let every expert start as a trained network, and the critic as the first one's.
+
+    Args:
+        actor: With as many experts as there are sources.
+        critic: Of the same sizes as the first source's.
+        sources: Policies of one network, one for each expert.
+        noise: Standard deviation, as a share of each matrix's own, of what is added to copies: without it they would
+            stay twins.
+        generator: Of the noise.
+    """
+    seen: set[Path] = set()
+    with torch.no_grad():
+        for n, source in enumerate(sources):
+            weights, biases = _plain(source, source.weights, source.biases)
+            spread = noise if source.path in seen else 0.0
+            seen.add(source.path)
+            for layer, weight, bias in zip(actor.layers, weights, biases):
+                layer.weight[n] = weight[0] + spread * weight.std() * torch.randn(weight[0].shape, generator=generator)
+                layer.bias[n] = bias[0]
+        linear = [layer for layer in critic.modules() if isinstance(layer, nn.Linear)]
+        weights, biases = _plain(sources[0], sources[0].critic_weights, sources[0].critic_biases)
+        for layer, weight, bias in zip(linear, weights, biases):
+            layer.weight.copy_(weight)
+            layer.bias.copy_(bias)
+
+
+def find_sources(paths: Sequence[Path], network: NetworkConfig, observation: ObservationConfig) -> list[PolicyWeights]:
+    """Policies that experts can start as.
+
+    Args:
+        paths: A file for each expert.
+        network: Sizes of the network that starts.
+        observation: What it will look at.
+
+    Raises:
+        BadWeights: If a file is missing or broken.
+        BadArgument: If a policy is of other sizes, looks at something else, or there is not one for each expert.
+    """
+    if len(paths) != network.experts:
+        raise BadArgument(f"{len(paths)} policies to start from, but {network.experts} experts")
+    sources = [load_weights(path) for path in paths]
+    for source in sources:
+        if source.observation != observation:
+            raise BadArgument(f"{source.path} looks at {source.observation}, but this policy at {observation}")
+        sizes = (source.experts, *(len(bias[0]) for bias in source.biases[:2]))
+        critic = tuple(len(bias) for bias in source.critic_biases[:2])
+        if sizes != (1, network.hidden, network.hidden) or critic != (network.critic, network.critic):
+            raise BadArgument(
+                f"{source.path} is {sizes[0]} x {sizes[1:]} with a critic of {critic}, expected 1 x "
+                f"{(network.hidden,) * 2} and {(network.critic,) * 2}"
+            )
+    return sources
+
+
+def actor_of(source: PolicyWeights) -> FusedActor:
+    """A shipped policy's actor as a torch module, for batches."""
+    hidden, gate = source.biases[0].shape[1], len(source.gate_biases[0]) if source.gate_biases else 1
+    network = NetworkConfig(experts=source.experts, hidden=hidden, gate=gate, activation=source.activation)  # type: ignore[arg-type]
+    actor = FusedActor(source.observation.size, network, torch.Generator())
+    with torch.no_grad():
+        weights, biases = _plain(source, source.weights, source.biases)
+        for layer, weight, bias in zip(actor.layers, weights, biases):
+            layer.weight.copy_(weight)
+            layer.bias.copy_(bias)
+        if actor.gate_layers is not None:
+            linear = [layer for layer in actor.gate_layers if isinstance(layer, nn.Linear)]
+            weights, biases = _plain(source, source.gate_weights, source.gate_biases)
+            for layer, weight, bias in zip(linear, weights, biases, strict=True):
+                layer.weight.copy_(weight)
+                layer.bias.copy_(bias)
+    return actor
+
+
+def _plain(
+    source: PolicyWeights, weights: Sequence[NDArray[np.float32]], biases: Sequence[NDArray[np.float32]]
+) -> tuple[list[Tensor], list[Tensor]]:
+    """A network's layers for observations that nothing is subtracted from nor multiplied by."""
+    first = weights[0] * source.scale
+    bias = biases[0] - first @ source.mean
+    return [torch.tensor(w) for w in (first, *weights[1:])], [torch.tensor(b) for b in (bias, *biases[1:])]

@@ -1,0 +1,38 @@
+"""V^h all around the robot, as the paper draws it: what the critic makes of every place as a goal."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from vuca_nav.types import FloatArray
+
+
+class SafetyMap(NamedTuple):
+    """V^h at the middles of square cells."""
+
+    values: FloatArray
+    """(rows y, columns x); higher is safer."""
+    lower_left: tuple[float, float]
+    """Corner of the first cell, in the map [m]."""
+    resolution: float
+    """Side of a cell [m]."""
+
+
+def safety_around(
+    rate: Callable[[FloatArray], FloatArray], centre: tuple[float, float], half_side: float, resolution: float
+) -> SafetyMap:
+    """Ask a critic about a square.
+
+    Args:
+        rate: Gives V^h (n,) of points (n, 2) in the map [m].
+        centre: Of the square [m].
+        half_side: [m]
+        resolution: [m]
+    """
+    cells = max(1, round(2.0 * half_side / resolution))
+    offsets = np.asarray((np.arange(cells) + 0.5 - 0.5 * cells) * resolution, np.float64)
+    x, y = np.meshgrid(centre[0] + offsets, centre[1] + offsets)
+    values = rate(np.column_stack([x.ravel(), y.ravel()])).reshape(x.shape)
+    corner = centre[0] - 0.5 * cells * resolution, centre[1] - 0.5 * cells * resolution
+    return SafetyMap(values, corner, resolution)

@@ -1,0 +1,319 @@
+"""Things of a person's size in the scans, followed over time: where they are, how fast, and what that means.
+
+A lidar sees surfaces, and what threatens a robot is motion. Here the scan is cut into segments where it jumps; a
+segment in front of its surroundings and no wider than ``MAX_WIDTH`` is a thing, and things are followed by alpha-beta
+filters in the odometry's frame. From them come, for each of a ring of directions that the body might go in, the time
+until it would meet one of them. All of it runs on hundreds of rows in training and on one in a robot.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from vuca_nav.types import FloatArray
+
+MAX_WIDTH = 1.2
+"""Of a thing: the widest mover is 0.9 m, and a wall's piece is wider [m]."""
+MAX_TRACKS = 16
+DIRECTIONS = 24
+"""Of motion that are judged, 15 degrees apart and mirror images of each other: k and 23 - k."""
+SPEEDS = (1.0, 0.5)
+"""They are judged at, as shares of the greatest."""
+HORIZON = 3.0
+"""Beyond which a meeting does not matter [s]: longer than a random walker keeps its mind."""
+SLOTS = 6
+"""Things that are shown one by one, the most threatening first."""
+SLOT_SIZE = 6
+"""Position 2, velocity 2, radius, certainty."""
+POSITION_SCALE, VELOCITY_SCALE, RADIUS_SCALE = 4.0, 2.0, 0.5
+"""[m], [m/s], [m]"""
+
+_X, _Y, _V_X, _V_Y, _RADIUS, _HITS, _MISSED = range(7)
+_COLUMNS = 7
+_BEAMS = 180
+"""A scan of more is thinned to so many, as in training."""
+_JUMP, _JUMP_SLOPE = 0.15, 0.06
+"""Ranges of neighbouring beams on one surface differ by at most this, and this share of the range [m]."""
+_GATE = 0.4
+"""A thing is found again so near to where it was expected: 0.1 s at 3 m/s, and its centre's error [m]."""
+_ALPHA = np.array([1.0, 1.0, 0.85, 0.7, 0.6])
+_BETA = np.array([0.0, 0.8, 0.5, 0.35, 0.25])
+"""Gains of position and velocity by the number of times that a thing has been seen; the last stays."""
+_PATIENCE = 5
+"""Updates that a thing is remembered unseen."""
+_DEPTH = 0.7
+"""How far behind what is seen of a thing its centre is, in half widths: 0.79 for a cylinder."""
+_MARGIN = 0.05
+"""Room that counts as a meeting [m]."""
+_FASTEST = 3.0
+"""[m/s]"""
+
+
+class Tracker:
+    """Follows things, a row for each robot.
+
+    Args:
+        n: Rows.
+        num_beams: Of the scans; beam i points at ``-pi + i * 2 pi / num_beams``.
+        period: Between two calls [s].
+        spacing: Between two scans that are looked at [s], a multiple of the period.
+
+    Attributes:
+        tracks: (n, MAX_TRACKS, 7) position, velocity, radius, times seen, updates unseen; in the frame of odometry
+            that begins where a row began anew [m, m/s, m]. What was never seen is no track.
+    """
+
+    def __init__(self, n: int, num_beams: int, period: float, spacing: float):
+        self._step = max(num_beams // _BEAMS, 1)
+        angles = -np.pi + np.arange(0, num_beams, self._step) * (2.0 * np.pi / num_beams)
+        self._beams = np.column_stack([np.cos(angles), np.sin(angles)])
+        self._period, self._spacing = period, spacing
+        self.tracks: FloatArray = np.zeros((n, MAX_TRACKS, _COLUMNS))
+        self._odometry, self._since = np.zeros((n, 3)), np.zeros(n)
+        self._found, self._taken = np.zeros((2 * MAX_TRACKS, 3)), np.zeros(MAX_TRACKS, np.bool_)
+        directions = -np.pi + (np.arange(DIRECTIONS) + 0.5) * (2.0 * np.pi / DIRECTIONS)
+        self._directions = np.column_stack([np.cos(directions), np.sin(directions)])
+        self._here = np.zeros((MAX_TRACKS, SLOT_SIZE))
+
+    def update(
+        self,
+        rows: NDArray[np.int64],
+        ranges: NDArray[np.floating],
+        motions: NDArray[np.floating],
+        reaches: FloatArray,
+        fresh: NDArray[np.bool_],
+    ) -> None:
+        """Take in a scan of each of these rows.
+
+        Args:
+            rows: Which.
+            ranges: (n, num_beams) [m]; ``inf`` or NaN where nothing came back.
+            motions: (n, 3) displacement since the last call by odometry, in the base frame of then [m, m, rad].
+            reaches: (n,) from there on nothing is looked at [m].
+            fresh: (n,) rows that forget what they know, and where they were.
+        """
+        _update(
+            rows, ranges, self._step, motions, reaches, fresh, self._beams, self._period, self._spacing,
+            self.tracks, self._odometry, self._since, self._found, self._taken,
+        )  # fmt: skip
+
+    def features(
+        self,
+        rows: NDArray[np.int64],
+        body_radius: FloatArray,
+        max_speed: FloatArray,
+        meetings: NDArray[np.float32],
+        rest: NDArray[np.float32],
+    ) -> None:
+        """What the things mean to each of these rows.
+
+        Args:
+            rows: Which.
+            body_radius: Mean radius of the footprint (n,) [m].
+            max_speed: (n,) [m/s].
+            meetings: (n, len(SPEEDS) * DIRECTIONS), written to: 0 for a direction in which nothing is met within
+                ``HORIZON``, 1 for one in which it is now.
+            rest: (n, 1 + SLOTS * SLOT_SIZE), written to: the same for standing still, then the slots, in base_link,
+                velocities over the ground.
+        """
+        _features(
+            rows, self.tracks, self._odometry, self._since, self._directions, body_radius, max_speed, self._here,
+            meetings, rest,
+        )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def _segments(ranges, step, beams, reach, found):
+    """Things in one scan: ``found[k]`` = x, y of the centre in base_link, radius. Returns how many there are."""
+    n = len(beams)
+    start = 0  # at a break, so that no thing is cut in two
+    while start < n:
+        here, before = ranges[start * step], ranges[(start - 1) % n * step]
+        if 0.0 < here < reach and not abs(here - before) <= _JUMP + _JUMP_SLOPE * min(here, before):
+            break
+        start += 1
+    if start == n:
+        return 0
+    count, b = 0, 0
+    while b < n and count < len(found):
+        first = (start + b) % n
+        if not 0.0 < ranges[first * step] < reach:
+            b += 1
+            continue
+        last, end = first, b
+        sum_x, sum_y, points = ranges[first * step] * beams[first, 0], ranges[first * step] * beams[first, 1], 1
+        for k in range(b + 1, n):
+            index = (start + k) % n
+            r, r_last = ranges[index * step], ranges[last * step]
+            if 0.0 < r < reach:
+                if abs(r - r_last) > _JUMP + _JUMP_SLOPE * min(r, r_last):
+                    break
+                sum_x += r * beams[index, 0]
+                sum_y += r * beams[index, 1]
+                points += 1
+                last, end = index, k
+            elif k - end > 1:  # one beam may have been lost
+                break
+        b = end + 1
+        r_first, r_last = ranges[first * step], ranges[last * step]
+        before, after = ranges[(first - 1) % n * step], ranges[(last + 1) % n * step]
+        if not 0.0 < before < reach:
+            before = ranges[(first - 2) % n * step]
+        if not 0.0 < after < reach:
+            after = ranges[(last + 2) % n * step]
+        # A piece of wall between two nearer things would seem to move as the body does: only what is in front counts.
+        if points < 2 or before < r_first or after < r_last:
+            continue
+        width = math.hypot(
+            r_first * beams[first, 0] - r_last * beams[last, 0], r_first * beams[first, 1] - r_last * beams[last, 1]
+        )
+        if width > MAX_WIDTH:
+            continue
+        x, y = sum_x / points, sum_y / points
+        away = math.sqrt(x * x + y * y)
+        deeper = 1.0 + _DEPTH * 0.5 * width / max(away, 1e-6)
+        found[count, 0], found[count, 1], found[count, 2] = x * deeper, y * deeper, max(0.5 * width, 0.1)
+        count += 1
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _update(
+    rows, ranges, step, motions, reaches, fresh, beams, period, spacing, tracks, odometry, since, found, taken
+):  # fmt: skip
+    for i in rows:
+        pose = odometry[i]
+        if fresh[i]:
+            tracks[i] = 0.0
+            pose[:] = 0.0
+            since[i] = spacing
+        else:
+            c, s = math.cos(pose[2]), math.sin(pose[2])
+            pose[0] += c * motions[i, 0] - s * motions[i, 1]
+            pose[1] += s * motions[i, 0] + c * motions[i, 1]
+            pose[2] += motions[i, 2]
+            since[i] += period
+        if since[i] < spacing - 1e-6:
+            continue
+        dt, since[i] = since[i], 0.0
+        count = _segments(ranges[i], step, beams, reaches[i], found)
+        _follow(tracks[i], found[:count], pose, dt, taken)
+
+
+@njit(cache=True, nogil=True)
+def _follow(things, found, pose, dt, taken):
+    """Match what was found to what is known, nearest first come; forget what has not been seen for long."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    for k in range(len(things)):
+        things[k, _X] += things[k, _V_X] * dt
+        things[k, _Y] += things[k, _V_Y] * dt
+        taken[k] = things[k, _HITS] == 0.0
+    for f in range(len(found)):
+        x = pose[0] + c * found[f, 0] - s * found[f, 1]
+        y = pose[1] + s * found[f, 0] + c * found[f, 1]
+        best, nearest = -1, _GATE
+        for k in range(len(things)):
+            if not taken[k]:
+                away = math.hypot(things[k, _X] - x, things[k, _Y] - y)
+                if away < nearest:
+                    best, nearest = k, away
+        if best >= 0:
+            thing = things[best]
+            taken[best] = True
+            seen = min(int(thing[_HITS]), len(_ALPHA) - 1)
+            error_x, error_y = x - thing[_X], y - thing[_Y]
+            thing[_X] += _ALPHA[seen] * error_x
+            thing[_Y] += _ALPHA[seen] * error_y
+            thing[_V_X] += _BETA[seen] / dt * error_x
+            thing[_V_Y] += _BETA[seen] / dt * error_y
+            speed = math.hypot(thing[_V_X], thing[_V_Y])
+            if speed > _FASTEST:
+                thing[_V_X] *= _FASTEST / speed
+                thing[_V_Y] *= _FASTEST / speed
+            thing[_RADIUS] += 0.3 * (found[f, 2] - thing[_RADIUS])
+            thing[_HITS] += 1.0
+            thing[_MISSED] = -1.0  # counted up below
+            continue
+        for k in range(len(things)):
+            if things[k, _HITS] == 0.0:
+                things[k] = 0.0
+                things[k, _X], things[k, _Y], things[k, _RADIUS] = x, y, found[f, 2]
+                things[k, _HITS], things[k, _MISSED] = 1.0, -1.0
+                taken[k] = True
+                break
+    for k in range(len(things)):
+        if things[k, _HITS] > 0.0:
+            things[k, _MISSED] += 1.0
+            if things[k, _MISSED] > _PATIENCE:
+                things[k] = 0.0
+
+
+@njit(cache=True, nogil=True)
+def _features(rows, tracks, odometry, since, directions, body_radius, max_speed, here, meetings, rest):
+    num_directions = len(directions)
+    for i in rows:
+        things, pose, t = tracks[i], odometry[i], since[i]
+        c, s = math.cos(pose[2]), math.sin(pose[2])
+        count = 0
+        for k in range(len(things)):
+            thing = things[k]
+            if thing[_HITS] == 0.0:
+                continue
+            dx, dy = thing[_X] + t * thing[_V_X] - pose[0], thing[_Y] + t * thing[_V_Y] - pose[1]
+            row = here[count]
+            row[0], row[1] = c * dx + s * dy, -s * dx + c * dy
+            row[2], row[3] = c * thing[_V_X] + s * thing[_V_Y], -s * thing[_V_X] + c * thing[_V_Y]
+            row[4], row[5] = thing[_RADIUS], min(thing[_HITS], 4.0) / (4.0 + thing[_MISSED])
+            count += 1
+        for a in range(len(SPEEDS)):
+            speed = SPEEDS[a] * max_speed[i]
+            for d in range(num_directions):
+                meetings[i, a * num_directions + d] = _urgency(
+                    here, count, speed * directions[d, 0], speed * directions[d, 1], body_radius[i]
+                )
+        rest[i, :] = 0.0
+        rest[i, 0] = _urgency(here, count, 0.0, 0.0, body_radius[i])
+        for slot in range(min(SLOTS, count)):
+            # What will be nearest in a second, were we to stand; what has been shown has a certainty below 0.
+            best, nearest = -1, math.inf
+            for k in range(count):
+                x, y = here[k, 0], here[k, 1]
+                if here[k, 5] < 0.0:
+                    continue
+                away = math.sqrt(x * x + y * y)
+                closing = -(x * here[k, 2] + y * here[k, 3]) / max(away, 1e-6)
+                gap = max(away - body_radius[i] - here[k, 4], 0.0) - closing
+                if gap < nearest:
+                    best, nearest = k, gap
+            at = 1 + slot * SLOT_SIZE
+            row = here[best]
+            rest[i, at] = min(max(row[0] / POSITION_SCALE, -1.5), 1.5)
+            rest[i, at + 1] = min(max(row[1] / POSITION_SCALE, -1.5), 1.5)
+            rest[i, at + 2] = row[2] / VELOCITY_SCALE
+            rest[i, at + 3] = row[3] / VELOCITY_SCALE
+            rest[i, at + 4] = row[4] / RADIUS_SCALE
+            rest[i, at + 5] = row[5]
+            row[5] = -1.0
+
+
+@njit(cache=True, nogil=True)
+def _urgency(here, count, u_x, u_y, body_radius):
+    """1 if something is met at once by going on at this velocity, falling to 0 if within HORIZON nothing is."""
+    soonest = HORIZON
+    for k in range(count):
+        x, y = here[k, 0], here[k, 1]
+        w_x, w_y = here[k, 2] - u_x, here[k, 3] - u_y
+        reach = body_radius + here[k, 4] + _MARGIN
+        approach = x * w_x + y * w_y
+        if approach >= 0.0:  # never nearer than now
+            continue
+        gap = x * x + y * y - reach * reach
+        if gap <= 0.0:
+            return 1.0
+        square = w_x * w_x + w_y * w_y
+        discriminant = approach * approach - square * gap
+        if discriminant > 0.0:
+            soonest = min(soonest, (-approach - math.sqrt(discriminant)) / square)
+    return 1.0 - soonest / HORIZON

@@ -1,0 +1,136 @@
+"""The local policy as it is shipped: gate, experts and critic in one safetensors file, read and checked."""
+
+import json
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vuca_nav.errors import BadArgument, BadWeights
+from vuca_nav.policy.observation import ObservationConfig
+from vuca_nav.weights import checked, present, read_weights
+
+FORMAT = "vuca-policy-1"
+WEIGHTS_FOLDER = Path(__file__).parent / "weights"
+ACTION_SIZE = 3
+LAYERS = 3
+ACTIVATIONS = ("relu", "elu")
+
+Single = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class PolicyWeights:
+    """What a weights file holds, checked."""
+
+    path: Path
+    observation: ObservationConfig
+    activation: str
+    """Of the hidden layers of experts and critic; the gate's are ReLU."""
+    metadata: dict[str, str]
+    """As it is in the file: training command, seed, steps, ..."""
+    mean: Single
+    scale: Single
+    """(x,) the networks see ``(observation - mean) * scale``."""
+    weights: tuple[Single, ...]
+    """Three times (E, outputs, inputs)."""
+    biases: tuple[Single, ...]
+    """Three times (E, outputs)."""
+    gate_weights: tuple[Single, ...]
+    """(outputs, inputs), two or three times; none where E is 1."""
+    gate_biases: tuple[Single, ...]
+    critic_weights: tuple[Single, ...]
+    """(outputs, inputs), three times."""
+    critic_biases: tuple[Single, ...]
+
+    @property
+    def experts(self) -> int:
+        """E."""
+        return len(self.weights[0])
+
+
+def load_weights(path: Path) -> PolicyWeights:
+    """Read a policy.
+
+    Raises:
+        BadWeights: If the file is missing, is not safetensors, is of another format, lacks a tensor or has one too
+            many, or one of another shape or type or with a number that is not finite in single precision.
+    """
+    if not path.is_file():
+        raise BadWeights(f"no policy weights at {path}; make them with: vuca train all")
+    tensors, metadata = read_weights(path)
+    if metadata.get("format") != FORMAT:
+        raise BadWeights(f"{path}: format is {metadata.get('format')!r}, expected {FORMAT!r}")
+    activation = metadata.get("activation")
+    if activation not in ACTIVATIONS:
+        raise BadWeights(f"{path}: activation is {activation!r}, expected one of {', '.join(ACTIVATIONS)}")
+    observation = _observation_config(path, metadata)
+    x = observation.size
+    first = present(path, tensors, "weight_0")
+    if first.ndim != 3 or 0 in first.shape:
+        raise BadWeights(f"{path}: tensor 'weight_0' has shape {first.shape}, expected (experts, hidden units, {x})")
+    experts = first.shape[0]
+    shapes: dict[str, tuple[int, ...]] = {"mean": (x,), "scale": (x,)}
+    shapes |= _layer_shapes(path, tensors, "", x, ACTION_SIZE, LAYERS, (experts,))
+    shapes |= _layer_shapes(path, tensors, "critic_", x, 1, LAYERS)
+    gate_layers = 0
+    if experts > 1:
+        gate_layers = 3 if "gate_weight_2" in tensors else 2
+        shapes |= _layer_shapes(path, tensors, "gate_", x, experts, gate_layers)
+    odd = sorted(set(tensors) - set(shapes))
+    if odd:
+        raise BadWeights(f"{path}: tensor {odd[0]!r} does not belong there (expected: {', '.join(sorted(shapes))})")
+    good = {name: checked(path, tensors, name, shape) for name, shape in shapes.items()}
+
+    def layers(name: str, count: int) -> tuple[Single, ...]:
+        return tuple(good[f"{name}_{k}"] for k in range(count))
+
+    return PolicyWeights(
+        path=path,
+        observation=observation,
+        activation=activation,
+        metadata=metadata,
+        mean=good["mean"],
+        scale=good["scale"],
+        weights=layers("weight", LAYERS),
+        biases=layers("bias", LAYERS),
+        gate_weights=layers("gate_weight", gate_layers),
+        gate_biases=layers("gate_bias", gate_layers),
+        critic_weights=layers("critic_weight", LAYERS),
+        critic_biases=layers("critic_bias", LAYERS),
+    )
+
+
+def _observation_config(path: Path, metadata: dict[str, str]) -> ObservationConfig:
+    names = {entry.name for entry in fields(ObservationConfig)}
+    try:
+        content = json.loads(metadata.get("observation", ""))
+        if not isinstance(content, dict) or set(content) != names:
+            raise BadWeights(f"{path}: observation is {content!r}, expected the fields {', '.join(sorted(names))}")
+        return ObservationConfig(**content)
+    except (ValueError, TypeError, BadArgument) as error:
+        raise BadWeights(f"{path}: its observation is not one: {error}") from error
+
+
+def _layer_shapes(
+    path: Path,
+    tensors: dict[str, np.ndarray],
+    prefix: str,
+    inputs: int,
+    outputs: int,
+    layers: int,
+    stack: tuple[int, ...] = (),
+) -> dict[str, tuple[int, ...]]:
+    """What the tensors of a network must be like, given how many units the hidden layers' biases have."""
+    shapes: dict[str, tuple[int, ...]] = {}
+    size = inputs
+    for k in range(layers):
+        before, size = size, outputs
+        if k < layers - 1:
+            bias = present(path, tensors, f"{prefix}bias_{k}")
+            size = bias.shape[-1] if bias.ndim else 0
+            if size == 0:
+                raise BadWeights(f"{path}: tensor '{prefix}bias_{k}' is empty, expected a hidden layer")
+        shapes[f"{prefix}weight_{k}"], shapes[f"{prefix}bias_{k}"] = (*stack, size, before), (*stack, size)
+    return shapes
