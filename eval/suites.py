@@ -43,9 +43,7 @@ SUITES: dict[str, Suite] = {
         range(25),
     ),
     "square": Suite("the open plaza with 24 moving obstacles, 50 seeds", (Task("square"),), range(50)),
-    "factory-4": Suite(
-        "the whole factory, all difficulties, 100 seeds", (Task("factory", 4),), range(1000, 1100)
-    ),
+    "factory-4": Suite("the whole factory, all difficulties, 100 seeds", (Task("factory", 4),), range(1000, 1100)),
     "crowd": Suite(
         "the open plaza with 8, 16, 24 and 40 moving obstacles, 100 seeds each",
         tuple(Task("square", movers=movers) for movers in (8, 16, 24, 40)),

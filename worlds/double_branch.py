@@ -42,7 +42,7 @@ def _ways(layout: Layout, short_side: tuple[float, float, float, float]) -> tupl
     """Beside the block, on the crowded and on the quiet side."""
     block = next(obstacle.shape for obstacle in layout.obstacles if obstacle.kind == "block")
     assert isinstance(block, Box)
-    x0, y0, x1, y1 = layout.bounds
+    x0, _y0, x1, _y1 = layout.bounds
     low, high = block.y - 0.5 * block.width, block.y + 0.5 * block.width
     left, right = block.x - 0.5 * block.length, block.x + 0.5 * block.length
     sides = Way("short", (x0, low, left, high)), Way("quiet", (right, low, x1, high))

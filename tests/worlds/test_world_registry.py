@@ -216,7 +216,8 @@ def test_the_ways_of_the_double_branch_are_beside_its_block_and_only_the_short_o
         world = make_world("double_branch", seed, movers=8)
         assert [way.name for way in world.ways] == ["short", "quiet"]
         assert {world.way_of(mover.start) for mover in world.movers} <= {"short", None}
-        assert world.way_of(world.start) is None and world.way_of(Pose2(*world.goal, 0.0)) is None
+        assert world.way_of(world.start) is None
+        assert world.way_of(Pose2(*world.goal, 0.0)) is None
         for way in world.ways:
             x = 0.5 * (way.box[0] + way.box[2])
             assert world.way_of(Pose2(x, 0.5 * (way.box[1] + way.box[3]), 0.0)) == way.name
