@@ -93,15 +93,15 @@ def _learned(description: str, weights: str, gate: Gate = LEARNED_GATE, safety: 
 
 ALL: dict[str, Method] = {
     "dwa-dh": Method("SLAM, frontier exploration by D^h and waypoints, over a dynamic window controller", _dwa_dh),
-    "ours": _learned("the full system: fused policy, frontiers by D^h and V^h", "fusion", safety=True),
-    "ours-dh": _learned("the full system without V^h", "fusion"),
+    "ours": _learned("the full system: the policy of fusion+, frontiers by D^h and V^h", "fusion_plus", safety=True),
+    "ours-dh": _learned("the full system without V^h", "fusion_plus"),
     "go-straight": _learned("stage 1's expert for going straight alone, D^h", "go_straight"),
     "obstacle-avoidance": _learned("stage 1's expert for avoiding obstacles alone, D^h", "obstacle_avoidance"),
     "single": _learned("one network trained like the fused one, D^h", "single"),
     "fusion": _learned("the fused policy as in the paper, D^h", "fusion"),
     "fusion-uniform": _learned("the fused policy, every expert with the same share, D^h", "fusion", UNIFORM_GATE),
-    "fusion+": _learned("a fused policy that sees past scans carried along by odometry, D^h", "fusion_plus"),
-    "ours+": _learned("the same with V^h", "fusion_plus", safety=True),
+    "fusion+": _learned("the fused policy beyond the paper, which sees tracks of what moves, D^h", "fusion_plus"),
+    "fusion+-uniform": _learned("the same, every expert with the same share, D^h", "fusion_plus", UNIFORM_GATE),
     "single+": _learned("one network that sees what fusion+ sees, D^h", "single_plus"),
     **{
         f"fusion-without-{n}": _learned(f"the fused policy without its expert {n}, D^h", "fusion", Gate(without=n))

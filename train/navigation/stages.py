@@ -63,14 +63,14 @@ _ALL = (
         name="single",
         about="One network of an expert's size, trained from scratch as long and for the same as the fused ones.",
         rewards="fusion", arena=ArenaConfig(), observation=_PAPER,
-        network=NetworkConfig(), ppo=_SECOND_FROM_SCRATCH, steps=12_000_000,
+        network=NetworkConfig(), ppo=_SECOND_FROM_SCRATCH, steps=8_000_000,
     ),
     StageConfig(
         name="fusion",
         about="Four networks, two copies of each expert, their weights and biases fused at every step by a gate, "
         "all trained together (Section III-B, second stage).",
         rewards="fusion", arena=ArenaConfig(), observation=_PAPER, network=_FOUR, ppo=_SECOND,
-        steps=12_000_000, sources=_COPIES,
+        steps=8_000_000, sources=_COPIES,
     ),
     StageConfig(
         name="base_plus",
@@ -82,14 +82,14 @@ _ALL = (
         name="single_plus",
         about="One network that sees tracks of what moves, trained on from base_plus as long as fusion_plus is.",
         rewards="fusion", arena=ArenaConfig(), observation=_TRACKED,
-        network=NetworkConfig(initial_std=0.25), ppo=_SECOND, steps=12_000_000, sources=("base_plus",),
+        network=NetworkConfig(initial_std=0.25), ppo=_SECOND, steps=10_000_000, sources=("base_plus",),
     ),
     StageConfig(
         name="fusion_plus",
         about="Four copies of base_plus, fused by a gate that is first taught which skill is called for and then paid "
         "for making up its mind.",
         rewards="fusion", arena=ArenaConfig(), observation=_TRACKED, network=_FOUR,
-        ppo=replace(_SECOND, gate_information=0.02, teach_gate=True), steps=12_000_000, sources=("base_plus",) * 4,
+        ppo=replace(_SECOND, gate_information=0.02, teach_gate=True), steps=10_000_000, sources=("base_plus",) * 4,
     ),
 )  # fmt: skip
 STAGES = {stage.name: stage for stage in _ALL}
