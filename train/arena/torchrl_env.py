@@ -15,6 +15,8 @@ from train.navigation.rewards import TERMS, find_rewards, reward_terms
 class ArenaEnv(EnvBase):
     """n robots; ``next`` holds an episode's own last observation, and a reset of its row gives the next one's first.
 
+    Beside the reward there are the terms that it is the sum of, (n, 7), and whether the goal was reached, (n, 1).
+
     Args:
         arena: Whose rows.
         rewards: Column of the paper's Table I.
@@ -29,11 +31,18 @@ class ArenaEnv(EnvBase):
         self._terms = np.zeros((len(TERMS), arena.n), np.float32)
         n = arena.n
         size = torch.Size([n, arena.observation_size])
-        self.observation_spec = Composite(observation=Unbounded(size, dtype=torch.float32), shape=self.batch_size)
+        flag = Binary(n=1, shape=torch.Size([n, 1]), dtype=torch.bool)
+        self.observation_spec = Composite(
+            observation=Unbounded(size, dtype=torch.float32),
+            terms=Unbounded(torch.Size([n, len(TERMS)]), dtype=torch.float32),
+            reached=flag,
+            shape=self.batch_size,
+        )
         self.action_spec = Bounded(low=-1.0, high=1.0, shape=torch.Size([n, 3]), dtype=torch.float32)
         self.reward_spec = Unbounded(torch.Size([n, 1]), dtype=torch.float32)
-        flag = Binary(n=1, shape=torch.Size([n, 1]), dtype=torch.bool)
-        self.done_spec = Composite(done=flag, terminated=flag.clone(), truncated=flag.clone(), shape=self.batch_size)
+        self.done_spec = Composite(
+            done=flag.clone(), terminated=flag.clone(), truncated=flag.clone(), shape=self.batch_size
+        )
         self._ended = np.zeros(n, np.bool_)
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
@@ -50,6 +59,8 @@ class ArenaEnv(EnvBase):
         return TensorDict(
             {
                 "observation": torch.from_numpy(observation.copy()),
+                "terms": torch.zeros((n, len(TERMS))),
+                "reached": none.clone(),
                 "done": none,
                 "terminated": none.clone(),
                 "truncated": none.clone(),
@@ -66,6 +77,8 @@ class ArenaEnv(EnvBase):
         return TensorDict(
             {
                 "observation": torch.from_numpy(observation),
+                "terms": torch.from_numpy(self._terms.T.copy()),
+                "reached": torch.from_numpy(step.reached[:, None].copy()),
                 "reward": torch.from_numpy(self._terms.sum(axis=0)[:, None]),
                 "done": torch.from_numpy(self._ended[:, None].copy()),
                 "terminated": torch.from_numpy(terminated[:, None]),

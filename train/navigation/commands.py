@@ -9,7 +9,7 @@ from typing import Annotated
 import tyro
 
 from train.navigation.environment import ArenaEnvironment
-from train.navigation.run import RunConfig, Training
+from train.navigation.run import Collector, RunConfig, Training
 from train.navigation.stages import EVERYTHING, StageConfig, find_stage, from_scratch
 from vuca_nav.cli import parse
 from vuca_nav.errors import BadArgument
@@ -28,6 +28,8 @@ class NavigationArguments:
     weights."""
     resume: bool = False
     """Go on with what is in --out."""
+    collector: Collector = "local"
+    """Where the worlds are: local, or on a Ray cluster (found by RAY_ADDRESS, else started here), N workers of it."""
     from_scratch: bool = False
     """Start experts from random weights, not from trained policies."""
 
@@ -66,7 +68,7 @@ def _train(stage: StageConfig, arguments: NavigationArguments, command: str) -> 
     if arguments.from_scratch:
         stage = from_scratch(stage)
     sources = tuple(arguments.out / source / f"{source}.safetensors" for source in stage.sources)
-    run = RunConfig(arguments.seed, arguments.workers, sources, command)
+    run = RunConfig(arguments.seed, arguments.workers, sources, command, arguments.collector)
     training = Training(stage, run, arguments.out / stage.name, ArenaEnvironment, resume=arguments.resume)
     training.run()
     print(f"weights: {training.weights}")

@@ -2,6 +2,7 @@
 
 import math
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -20,6 +21,7 @@ from train.navigation.team import Alone
 from train.ppo_common import advantages, log_prob
 from vuca_nav.errors import BadArgument
 from vuca_nav.policy.observation import ObservationConfig
+from vuca_nav.types import FloatArray
 
 if TYPE_CHECKING:
     from train.navigation.environment import Environment
@@ -80,15 +82,13 @@ class PpoConfig:
             raise BadArgument("entropy, gate_information and critic_first must be 0 or more")
 
 
-class Learner:
-    """Actor, critic, their optimiser, and one iteration of PPO.
+class BaseLearner(ABC):
+    """Actor, critic, their optimiser, and one iteration of PPO; wherever its batches come from.
 
     Args:
-        environment: With this worker's share of the worlds.
         observation: What it shows.
         network: Sizes.
         config: Settings.
-        rewards: What is paid.
         seed: Of weights, actions and minibatches.
         team: Who learns along.
 
@@ -97,20 +97,13 @@ class Learner:
     """
 
     def __init__(
-        self,
-        environment: "Environment",
-        observation: ObservationConfig,
-        network: NetworkConfig,
-        config: PpoConfig,
-        rewards: RewardWeights,
-        seed: int,
-        team: Alone,
+        self, observation: ObservationConfig, network: NetworkConfig, config: PpoConfig, seed: int, team: Alone
     ):
         self.config, self.team, self.iteration = config, team, 0
-        self._environment, self._observation = environment, observation
+        self._observation = observation
         if config.teach_gate and (network.experts != len(SKILLS) or config.critic_first < 1):
             raise BadArgument(f"teach_gate needs {len(SKILLS)} experts and critic_first of 1 or more")
-        self._rewards_of, self._seed = rewards, seed
+        self._seed = seed
         first = torch.Generator().manual_seed(seed)
         self.actor = FusedActor(observation.size, network, first)
         self.critic = make_critic(observation.size, network, first)
@@ -131,12 +124,19 @@ class Learner:
         self._actions, self._log_probs = torch.empty(h, n, ACTION_SIZE), torch.empty(h, n)
         self._values, self._rewards = torch.empty(h + 1, n, 1), torch.empty(h, n, 1)
         self._done = torch.zeros(h, n, 1, dtype=torch.bool)
-        self._terms = np.zeros((len(TERMS), n), np.float32)
 
+    @abstractmethod
     def restart(self) -> None:
         """New episodes; a function of the iteration, so that a run that is gone on with sees what it would have."""
-        seed = np.random.SeedSequence((self._seed, self.team.rank, self.iteration, 1)).generate_state(1)[0]
-        self._now = torch.tensor(self._environment.restart(int(seed)))
+
+    @abstractmethod
+    def _roll_out(self) -> tuple[FloatArray, FloatArray]:
+        """Fill the buffers with one batch.
+
+        Returns:
+            How many episodes were reached, collided, timed out (3,), and the rewards' terms, means over the rows
+            summed up over the horizon (7,).
+        """
 
     def iterate(self, progress: float, clock: Callable[[], float] = time.perf_counter) -> dict[str, float]:
         """Collect one batch and learn from it.
@@ -166,37 +166,16 @@ class Learner:
 
     @torch.no_grad()
     def _collect(self) -> dict[str, float]:
-        config, actor = self.config, self.actor
-        std = actor.std()
-        ends, terms = np.zeros(3), np.zeros(len(TERMS))
-        observation = self._now
-        for t in range(config.horizon):
-            self._observations[t] = observation
-            observation = self._observations[t]
-            mean = actor.mean(observation, actor.gate(observation))
-            action = mean + std * torch.randn(mean.shape, generator=self._generator)
-            self._actions[t], self._log_probs[t] = action, log_prob(action, mean, std)
-            self._values[t] = self.critic(observation)
-            step = self._environment.step(action.clamp(-1.0, 1.0).numpy())
-            reward_terms(step, self._rewards_of, self._terms)
-            self._rewards[t, :, 0] = torch.from_numpy(self._terms.sum(axis=0)) * config.reward_scale
-            timed_out = torch.from_numpy(step.timed_out)
-            # Nobody knows what would have come after the time was up: the value of where it stood will do.
-            self._rewards[t, timed_out, 0] += config.gamma * self._values[t, timed_out, 0]
-            self._done[t, :, 0] = torch.from_numpy(step.collided | step.reached | step.timed_out)
-            ends += (step.reached.sum(), step.collided.sum(), step.timed_out.sum())
-            terms += self._terms.mean(axis=1)
-            observation = torch.from_numpy(step.observation)
-        self._now = observation.clone()
-        self._values[-1] = self.critic(self._now)
-        shares = actor.gate(self._observations[-1])
+        ends, terms = self._roll_out()
+        horizon = self.config.horizon
+        shares = self.actor.gate(self._observations[-1])
         reached, collided, timed_out = (ends / max(ends.sum(), 1.0)).tolist()
         return {
             "episodes/reached": reached, "episodes/collided": collided, "episodes/timed_out": timed_out,
             "episodes/ended": float(ends.sum()),
-            "reward/total": float(terms.sum()) / config.horizon,
-            **{f"reward/{name}": float(term) / config.horizon for name, term in zip(TERMS, terms)},
-            **{f"std/{name}": float(value) for name, value in zip(("v_x", "v_y", "w_z"), std)},
+            "reward/total": float(terms.sum()) / horizon,
+            **{f"reward/{name}": float(term) / horizon for name, term in zip(TERMS, terms)},
+            **{f"std/{name}": float(value) for name, value in zip(("v_x", "v_y", "w_z"), self.actor.std())},
             "gate/entropy": float(entropy(shares).mean()),
             **{f"gate/{k}": float(share) for k, share in enumerate(shares.mean(0))},
         }  # fmt: skip
@@ -278,6 +257,68 @@ class Learner:
         self.critic.load_state_dict(state["critic"])
         self._optimiser.load_state_dict(state["optimiser"])
         self.iteration = state["iteration"]
+
+
+class Learner(BaseLearner):
+    """Learns from an environment of its own, in this process.
+
+    Args:
+        environment: With this worker's share of the worlds.
+        observation: What it shows.
+        network: Sizes.
+        config: Settings.
+        rewards: What is paid.
+        seed: Of weights, actions and minibatches.
+        team: Who learns along.
+
+    Raises:
+        BadArgument: If there is no gate of four to be taught.
+    """
+
+    def __init__(
+        self,
+        environment: "Environment",
+        observation: ObservationConfig,
+        network: NetworkConfig,
+        config: PpoConfig,
+        rewards: RewardWeights,
+        seed: int,
+        team: Alone,
+    ):
+        super().__init__(observation, network, config, seed, team)
+        self._environment, self._rewards_of = environment, rewards
+        self._terms = np.zeros((len(TERMS), config.worlds // team.size), np.float32)
+
+    def restart(self) -> None:
+        """New episodes."""
+        seed = np.random.SeedSequence((self._seed, self.team.rank, self.iteration, 1)).generate_state(1)[0]
+        self._now = torch.tensor(self._environment.restart(int(seed)))
+
+    def _roll_out(self) -> tuple[FloatArray, FloatArray]:
+        config, actor = self.config, self.actor
+        std = actor.std()
+        ends, terms = np.zeros(3), np.zeros(len(TERMS))
+        observation = self._now
+        for t in range(config.horizon):
+            self._observations[t] = observation
+            observation = self._observations[t]
+            mean = actor.mean(observation, actor.gate(observation))
+            action = mean + std * torch.randn(mean.shape, generator=self._generator)
+            self._actions[t], self._log_probs[t] = action, log_prob(action, mean, std)
+            self._values[t] = self.critic(observation)
+            step = self._environment.step(action.clamp(-1.0, 1.0).numpy())
+            reward_terms(step, self._rewards_of, self._terms)
+            self._rewards[t, :, 0] = torch.from_numpy(self._terms.sum(axis=0)) * config.reward_scale
+            timed_out = torch.from_numpy(step.timed_out)
+            # Nobody knows what would have come after the time was up: the value of where it stood will do.
+            self._rewards[t, timed_out, 0] += config.gamma * self._values[t, timed_out, 0]
+            self._done[t, :, 0] = torch.from_numpy(step.collided | step.reached | step.timed_out)
+            ends += (step.reached.sum(), step.collided.sum(), step.timed_out.sum())
+            terms += self._terms.mean(axis=1)
+            observation = torch.from_numpy(step.observation)
+        self._now = observation.clone()
+        self._values[-1] = self.critic(self._now)
+        return ends, terms
 
 
 def entropy(shares: Tensor) -> Tensor:

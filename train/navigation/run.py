@@ -1,5 +1,6 @@
 """One stage of the training: workers, checkpoints, curves, and the weights it ends with."""
 
+import importlib.util
 import json
 import math
 import os
@@ -8,6 +9,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Literal
 
 import torch
 from torch.multiprocessing.spawn import start_processes
@@ -18,7 +20,7 @@ from train.locomotion.curves import read_log
 from train.navigation.card import write_card
 from train.navigation.curves import draw_curves
 from train.navigation.environment import Environment, MakeEnvironment
-from train.navigation.ppo import Learner
+from train.navigation.ppo import BaseLearner, Learner
 from train.navigation.rewards import find_rewards
 from train.navigation.stages import StageConfig
 from train.navigation.team import Alone, Team
@@ -27,6 +29,7 @@ from vuca_nav.errors import BadArgument
 
 CHECKPOINT = "checkpoint.pt"
 LOG = "log.jsonl"
+Collector = Literal["local", "ray"]
 SAVE_EVERY = 50
 """Iterations between checkpoints; after each, all episodes start anew."""
 
@@ -42,6 +45,9 @@ class RunConfig:
     """Weights that the experts start from, or none."""
     command: str = ""
     """What was typed, for the page."""
+    collector: Collector = "local"
+    """Where the worlds are: ``local``, each worker has its share of them and learns from it; ``ray``, the workers are
+    TorchRL's collectors on a Ray cluster, and this process learns."""
 
 
 class Training:
@@ -69,6 +75,8 @@ class Training:
             raise BadArgument(f"--out {out} is a file, expected a directory")
         self.stage, self.run_config, self.out, self._make = stage, run, out, make_environment
         contract = json.loads(json.dumps({"stage": asdict(stage), "seed": run.seed, "workers": run.workers}))
+        if run.collector != "local":
+            contract["collector"] = run.collector
         config = out / "config.json"
         if (out / CHECKPOINT).exists():
             if not resume:
@@ -92,6 +100,13 @@ class Training:
         run = self.run_config
         if (self.out / CHECKPOINT).exists() and _load(self.out / CHECKPOINT)["steps"] >= self.stage.steps:
             return
+        if run.collector == "ray":
+            from train.navigation.ray_learner import RayLearner
+
+            torch.set_num_threads(1)
+            with RayLearner(self.stage, run.seed, run.workers) as learner:
+                self.learn(learner)
+            return
         rows = self.stage.ppo.worlds // run.workers
         environments = [self._make(self.stage, rows) for _ in range(run.workers)]
         if run.workers == 1:
@@ -102,12 +117,9 @@ class Training:
             meeting = str(Path(folder) / "meeting")
             start_processes(_work, (self, environments, meeting), nprocs=run.workers, start_method="fork")
 
-    def learn(self, environment: Environment, team: Alone) -> None:
+    def learn(self, learner: BaseLearner) -> None:
         """One worker's part."""
-        stage, run = self.stage, self.run_config
-        learner = Learner(
-            environment, stage.observation, stage.network, stage.ppo, find_rewards(stage.rewards), run.seed, team
-        )
+        stage, run, team = self.stage, self.run_config, learner.team
         checkpoint = self.out / CHECKPOINT
         steps, elapsed = 0, 0.0
         if checkpoint.exists():
@@ -139,7 +151,7 @@ class Training:
             draw_curves(self.out / LOG, self.out / "curves.png")
             write_card(self.weights.with_suffix(".md"), stage, run, steps, elapsed, read_log(self.out / LOG))
 
-    def save(self, learner: Learner, steps: int, elapsed: float) -> None:
+    def save(self, learner: BaseLearner, steps: int, elapsed: float) -> None:
         """Checkpoint and weights, each written aside and then moved."""
         temporary = self.out / f"{CHECKPOINT}.tmp"
         torch.save({"learner": learner.state(), "steps": steps, "elapsed": elapsed}, temporary)
@@ -159,7 +171,7 @@ class Training:
 class _Reporter:
     """Log, TensorBoard and progress bar of a run."""
 
-    def __init__(self, training: Training, learner: Learner, steps: int):
+    def __init__(self, training: Training, learner: BaseLearner, steps: int):
         log = training.out / LOG
         if log.exists():  # what came after the checkpoint is lost, and will come again
             rows = [row for row in read_log(log) if row["iteration"] <= learner.iteration]
@@ -193,8 +205,13 @@ def _work(rank: int, training: Training, environments: Sequence[Environment], me
     """A worker process, or the only one."""
     torch.set_num_threads(1)
     team = Team(rank, training.run_config.workers, Path(meeting)) if meeting else Alone()
+    stage = training.stage
     try:
-        training.learn(environments[rank], team)
+        learner = Learner(
+            environments[rank], stage.observation, stage.network, stage.ppo, find_rewards(stage.rewards),
+            training.run_config.seed, team,
+        )  # fmt: skip
+        training.learn(learner)
     finally:
         team.close()
 
@@ -208,8 +225,10 @@ def _load(checkpoint: Path) -> dict:
 
 def _check(stage: StageConfig, run: RunConfig) -> None:
     find_rewards(stage.rewards)
-    if run.workers < 1 or run.workers > (os.cpu_count() or 1):
+    if run.workers < 1 or (run.collector == "local" and run.workers > (os.cpu_count() or 1)):
         raise BadArgument(f"--workers must be 1 to {os.cpu_count()}, got {run.workers}")
+    if run.collector == "ray" and importlib.util.find_spec("ray") is None:
+        raise BadArgument("--collector ray needs Ray: pip install 'vuca-nav[distributed]'")
     if stage.ppo.worlds % run.workers or stage.ppo.minibatch % run.workers:
         raise BadArgument(
             f"{stage.ppo.worlds} worlds and minibatches of {stage.ppo.minibatch} must be multiples of the "

@@ -43,17 +43,17 @@ def _die_in(out, name):
     """Be killed, as by a power cut, in this stage's last iteration."""
     real = run_module.Training.learn
 
-    def learn(self, environment, team):
+    def learn(self, learner):
         if self.stage.name == name:
             iterate = Learner.iterate
 
-            def torn(learner, progress):
-                if learner.iteration == ITERATIONS - 1:
+            def torn(self, progress):
+                if self.iteration == ITERATIONS - 1:
                     os.kill(os.getpid(), signal.SIGKILL)
-                return iterate(learner, progress)
+                return iterate(self, progress)
 
             Learner.iterate = torn  # type: ignore[method-assign]
-        real(self, environment, team)
+        real(self, learner)
 
     run_module.Training.learn = learn  # type: ignore[method-assign]
     train_all(out)
