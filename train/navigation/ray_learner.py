@@ -5,7 +5,7 @@ from functools import partial
 from types import TracebackType
 
 import numpy as np
-import ray
+import ray  # pyright: ignore[reportMissingImports]  (an extra of its own)
 import torch
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
