@@ -6,6 +6,8 @@ import os
 import sys
 import tempfile
 import time
+import zipfile
+import zlib
 from dataclasses import dataclass, fields
 from functools import cache
 from pathlib import Path
@@ -81,13 +83,13 @@ class Bank:
 
 def make_bank(config: ArenaConfig) -> Bank:
     """The bank of a configuration, from the cache if it is there."""
-    what = f"{config.layouts} {config.pairs} {config.lengths} {config.world_seed} {_used(config)}"
+    what = f"{config.layouts} {config.pairs} {config.lengths} {config.world_seed} {LARGEST_RADIUS} {_used(config)}"
     file = cache_folder() / f"{hashlib.sha256(_code() + what.encode()).hexdigest()[:32]}.npz"
     names = [field.name for field in fields(Bank)]
     try:
         with np.load(file, allow_pickle=False) as arrays:
             return Bank(**{name: arrays[name] for name in names})
-    except (OSError, ValueError, KeyError):
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
         pass  # not there yet, or not readable: make it
     began = time.perf_counter()
     bank = _make(config)

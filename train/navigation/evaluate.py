@@ -5,6 +5,7 @@
 
 import json
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,7 +22,7 @@ from train.arena.config import KINDS, ArenaConfig
 from train.arena.evaluation import EpisodeRecords, Evaluation
 from train.navigation.networks import FusedActor
 from train.navigation.weights import actor_of
-from vuca_nav.errors import BadArgument
+from vuca_nav.errors import BadArgument, VucaError
 from vuca_nav.policy.weights_file import PolicyWeights, load_weights
 
 
@@ -189,7 +190,10 @@ def evaluate(arguments: EvaluateArguments) -> dict:
 
 
 def _episodes(source: PolicyWeights, kind: str, arguments: EvaluateArguments) -> Evaluation:
-    rate = arguments.decision_rate or round(float(source.metadata["decision_rate"]))
+    try:
+        rate = arguments.decision_rate or round(float(source.metadata["decision_rate"]))
+    except (KeyError, ValueError) as error:
+        raise BadArgument(f"{source.path} names no decision_rate [Hz]; give --decision-rate") from error
     config = replace(ArenaConfig(decision_rate=rate).of(kind))
     if arguments.speeds is not None:
         config = replace(config, mover_speeds=arguments.speeds)
@@ -241,4 +245,8 @@ def main(arguments: EvaluateArguments) -> None:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(EvaluateArguments, config=(tyro.conf.FlagCreatePairsOff,)))
+    try:
+        main(tyro.cli(EvaluateArguments, config=(tyro.conf.FlagCreatePairsOff,)))
+    except VucaError as error:
+        print(f"evaluate: {error}", file=sys.stderr)
+        sys.exit(2)

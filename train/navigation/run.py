@@ -81,11 +81,18 @@ class Training:
         if (out / CHECKPOINT).exists():
             if not resume:
                 raise BadArgument(f"{out} holds a training run; go on with it by --resume, or give another --out")
-            differing = _differences(json.loads(config.read_text()), contract)
+            try:
+                differing = _differences(json.loads(config.read_text()), contract)
+            except (OSError, ValueError) as error:
+                raise BadArgument(f"{config} cannot be read: {error}; give another --out") from error
             if differing:
                 raise BadArgument(f"{out} holds a run that differs in {', '.join(differing)}; give another --out")
-        out.mkdir(parents=True, exist_ok=True)
-        config.write_text(json.dumps(contract, indent=2) + "\n")
+            return
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+            config.write_text(json.dumps(contract, indent=2) + "\n")
+        except OSError as error:
+            raise BadArgument(f"--out {out} cannot be written: {error}") from error
 
     @property
     def weights(self) -> Path:
@@ -98,8 +105,12 @@ class Training:
         An interrupted run loses what it did since its last checkpoint.
         """
         run = self.run_config
-        if (self.out / CHECKPOINT).exists() and _load(self.out / CHECKPOINT)["steps"] >= self.stage.steps:
-            return
+        if (self.out / CHECKPOINT).exists():
+            state = _load(self.out / CHECKPOINT)
+            if state["steps"] >= self.stage.steps:
+                if not self.weights.with_suffix(".md").exists():  # killed between the last checkpoint and the page
+                    self.describe(state["steps"], state["elapsed"])
+                return
         if run.collector == "ray":
             from train.navigation.ray_learner import RayLearner
 
@@ -148,14 +159,16 @@ class Training:
             if reporter is not None:
                 reporter.close()
         if team.rank == 0:
-            draw_curves(self.out / LOG, self.out / "curves.png")
-            write_card(self.weights.with_suffix(".md"), stage, run, steps, elapsed, read_log(self.out / LOG))
+            self.describe(steps, elapsed)
+
+    def describe(self, steps: int, elapsed: float) -> None:
+        """Curves and the page of the weights."""
+        log, page = self.out / LOG, self.weights.with_suffix(".md")
+        draw_curves(log, self.out / "curves.png")
+        write_card(page, self.stage, self.run_config, steps, elapsed, read_log(log))
 
     def save(self, learner: BaseLearner, steps: int, elapsed: float) -> None:
-        """Checkpoint and weights, each written aside and then moved."""
-        temporary = self.out / f"{CHECKPOINT}.tmp"
-        torch.save({"learner": learner.state(), "steps": steps, "elapsed": elapsed}, temporary)
-        temporary.replace(self.out / CHECKPOINT)
+        """Weights and checkpoint, each written aside and then moved; the checkpoint last, as it says what is there."""
         stage, run = self.stage, self.run_config
         notes = {
             "command": run.command, "seed": str(run.seed), "workers": str(run.workers), "steps": str(steps),
@@ -166,6 +179,9 @@ class Training:
         export(
             self.weights, stage.name, learner.actor, learner.critic, stage.network, stage.observation, rate, notes
         )  # fmt: skip
+        temporary = self.out / f"{CHECKPOINT}.tmp"
+        torch.save({"learner": learner.state(), "steps": steps, "elapsed": elapsed}, temporary)
+        temporary.replace(self.out / CHECKPOINT)
 
 
 class _Reporter:
@@ -218,7 +234,8 @@ def _work(rank: int, training: Training, environments: Sequence[Environment], me
 
 def _load(checkpoint: Path) -> dict:
     try:
-        return torch.load(checkpoint, weights_only=True)
+        state = torch.load(checkpoint, weights_only=True)
+        return {key: state[key] for key in ("learner", "steps", "elapsed")}
     except Exception as error:  # torch raises whatever the broken bytes lead to
         raise BadArgument(f"{checkpoint} is not a checkpoint that can be read: {error}") from error
 

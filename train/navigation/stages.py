@@ -61,7 +61,8 @@ _ALL = (
     ),
     StageConfig(
         name="single",
-        about="One network of an expert's size, trained from scratch as long and for the same as the fused ones.",
+        about="One network of an expert's size, trained from scratch for the same as the fused one, in as many steps "
+        "but for those of its experts.",
         rewards="fusion", arena=ArenaConfig(), observation=_PAPER,
         network=NetworkConfig(), ppo=_SECOND_FROM_SCRATCH, steps=8_000_000,
     ),

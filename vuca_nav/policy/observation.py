@@ -30,6 +30,9 @@ TWIST_LIMIT = 2.0
 SPEED_SCALE, TURN_SCALE, ACCELERATION_SCALE, RADIUS_SCALE = 1.5, 3.0, 3.0, 0.5
 """Of the body vector [m/s, rad/s, m/s^2, m]: about the greatest of the bodies in use."""
 
+MOST_SECTORS, MOST_HISTORY = 1440, 64
+"""Of a configuration: weights files bring theirs along, and one from elsewhere must not ask for all memory."""
+
 
 @dataclass(frozen=True, slots=True)
 class ObservationConfig:
@@ -52,8 +55,10 @@ class ObservationConfig:
     def __post_init__(self) -> None:
         """Raises BadArgument for what is out of its range."""
         whole = isinstance(self.sectors, int) and isinstance(self.history, int)
-        if not whole or self.sectors < 1 or self.history < 1:
-            raise BadArgument(f"an observation needs 1 or more sectors and past scans, got {self}")
+        if not whole or not 1 <= self.sectors <= MOST_SECTORS or not 1 <= self.history <= MOST_HISTORY:
+            raise BadArgument(
+                f"an observation needs 1 to {MOST_SECTORS} sectors and 1 to {MOST_HISTORY} past scans, got {self}"
+            )
         if not (0.0 < self.max_range < math.inf and 0.0 < self.spacing < math.inf):
             raise BadArgument(f"an observation's max_range and spacing must be positive, got {self}")
         if self.kind not in get_args(Kind):
