@@ -8,13 +8,13 @@ import torch
 from safetensors.numpy import save_file
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
-from torch.distributions import Independent, Normal
 from torchrl.modules import ProbabilisticActor, ValueOperator
 
 from robots.locomotion.config import QuadrupedConfig
 from robots.locomotion.kernels import ACTION_SIZE, OBSERVATION_SIZE
 from robots.locomotion.network import CLIP, FORMAT, gait_contract
 from train.locomotion.kernels import CRITIC_SIZE
+from train.ppo_common import DiagonalNormal
 
 _SWAPPED_LEGS = [3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8]
 _LEG_SIGNS = [-1.0, 1.0, 1.0] * 4
@@ -95,13 +95,6 @@ class ActorNetwork(nn.Module):
         """(n, OBSERVATION_SIZE) to twice (n, ACTION_SIZE)."""
         mean = self.layers(observation)
         return mean, self.log_std.clamp(-3.0, 0.0).exp().expand_as(mean)
-
-
-class DiagonalNormal(Independent):
-    """A normal distribution of independent actions, as TorchRL's actor wants it."""
-
-    def __init__(self, loc: Tensor, scale: Tensor):
-        super().__init__(Normal(loc, scale, validate_args=False), 1, validate_args=False)
 
 
 def make_actor(generator: torch.Generator, hidden: int = 128, initial_std: float = 0.5) -> ProbabilisticActor:

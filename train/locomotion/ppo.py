@@ -1,6 +1,5 @@
 """Proximal policy optimisation of a gait: TorchRL's loss and advantage over our batched environment."""
 
-import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,6 +24,7 @@ from train.locomotion.policy import (
     observation_mirror,
     privileged_mirror,
 )
+from train.ppo_common import log_prob
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +133,7 @@ class Learner:
             action = mean + std * torch.randn(mean.shape, generator=self._generator)
             self._observations[t], self._privileged[t] = x, y
             self._means[t], self._actions[t] = mean, action
-            self._log_probs[t] = _log_prob(action, mean, std)
+            self._log_probs[t] = log_prob(action, mean, std)
             self._values[t] = self.critic.module(y)
             step = environment.step(action.numpy())
             self._rewards[t, :, 0] = torch.from_numpy(step.reward)
@@ -274,11 +274,6 @@ def advantages(
 
 def _tensors(mirror: tuple[list[int], list[float]]) -> tuple[Tensor, Tensor]:
     return torch.tensor(mirror[0]), torch.tensor(mirror[1])
-
-
-def _log_prob(action: Tensor, mean: Tensor, std: Tensor) -> Tensor:
-    z = (action - mean) / std
-    return (-0.5 * z * z - std.log() - 0.5 * math.log(2.0 * math.pi)).sum(-1)
 
 
 def _divergence(old: Tensor, old_std: Tensor, new: Tensor, new_std: Tensor) -> Tensor:
