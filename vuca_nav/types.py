@@ -113,6 +113,8 @@ class BodySpec:
     """[m/s^2]"""
     max_a_w: float
     """[rad/s^2]"""
+    delay: float = 0.0
+    """From a command of linear velocity to the body's answer, beyond what the limits of acceleration make of it [s]."""
 
     @property
     def radius(self) -> float:

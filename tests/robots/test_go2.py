@@ -1,5 +1,7 @@
 import dataclasses
+import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -271,3 +273,10 @@ def test_the_lidar_tilts_with_the_body(walker):
     ahead = len(scan.ranges) // 2
     seen = scan.ranges[ahead - 10 : ahead + 10]
     assert np.nanmedian(seen[np.isfinite(seen)]) == pytest.approx(0.37 / math.sin(math.radians(20.0)), abs=0.25)
+
+
+def test_the_stack_is_told_the_delay_that_was_measured(go2):
+    """Of forward and sideways motion; within a tick of the loop."""
+    measured = json.loads((Path(__file__).parents[2] / "docs/locomotion/response_go2.json").read_text())
+    for axis in ("v_x", "v_y"):
+        assert go2.spec.delay == pytest.approx(measured[axis]["delay"], abs=1.0 / 30.0)

@@ -9,7 +9,8 @@ from scipy.ndimage import distance_transform_edt
 from tests.vuca_nav.rooms import LIDAR, disc_body, ranges_to_boxes, room
 from vuca_nav.geometry import compose, distance
 from vuca_nav.policy.base import LocalObservation
-from vuca_nav.policy.dwa import DynamicWindow, DynamicWindowConfig, _distance_field, cover_by_discs
+from vuca_nav.policy.dwa import DynamicWindow, DynamicWindowConfig
+from vuca_nav.policy.surroundings import cover_by_discs, distance_field
 from vuca_nav.types import Pose2, Scan, Twist2, VelocityCommand
 
 DT = 1.0 / 30.0
@@ -94,7 +95,7 @@ def test_distance_field_is_close_to_the_euclidean_distance():
     angles = LIDAR.angles_in_base()
     beams = np.column_stack([np.cos(angles), np.sin(angles)])
     ranges = ranges_to_boxes(room(4.0, 3.0), Pose2(1.7, 1.1, 0.3))
-    _distance_field(ranges, beams, config.resolution, config.reach, field)
+    distance_field(ranges, beams, config.resolution, config.reach, field)
     exact = np.asarray(distance_transform_edt(field != 0))
     inner = slice(1, -1)
     assert np.abs(field[inner, inner] / 5.0 - exact[inner, inner]).max() < 0.08 * exact.max()

@@ -2,16 +2,22 @@
 
 Each admissible pair of velocities that the body can reach soon is held for ``horizon`` seconds; the trajectory is
 judged by where it leads, how near it passes to what the scan shows, and how it turns. What moves is taken to stand.
+
+Trajectories begin where the body will be when it answers. A body that is longer than wide may get to where it can go
+neither on nor round; it then backs or sidesteps out to where it can turn on the spot.
 """
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 
-from vuca_nav.policy.base import LocalObservation, LocalPolicy
-from vuca_nav.types import STOP, BodySpec, FloatArray, LidarSpec, VelocityCommand
+from vuca_nav.geometry import compose
+from vuca_nav.policy.base import STANDING, LocalObservation, LocalPolicy
+from vuca_nav.policy.surroundings import cover_by_discs, distance_field
+from vuca_nav.types import STOP, BodySpec, LidarSpec, Pose2, VelocityCommand
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +48,20 @@ class DynamicWindowConfig:
     """Room left when braking [m]."""
     recovery_turn: float = 0.5
     """Share of the greatest yaw rate at which it turns on the spot when no motion is admissible."""
+    patience: float = 1.0
+    """Without getting on for so long, a body that cannot turn where it is makes its way out [s] ..."""
+    progress_way: float = 0.15
+    """... where getting on is so much way [m] ..."""
+    progress_turn: float = 0.3
+    """... or so much turning [rad]."""
+    escape_speed: float = 0.2
+    """Of the way out [m/s]."""
+    escape_time: float = 4.0
+    """After which the window is asked again [s]."""
+    escape_horizon: float = 1.0
+    """[s]"""
+    escape_room: float = 0.05
+    """Beyond what turning on the spot takes, at which the way out ends: hysteresis [m]."""
     reach: float = 2.6
     """Half side of the square about the robot in which the scan is looked at [m]."""
     resolution: float = 0.05
@@ -49,7 +69,7 @@ class DynamicWindowConfig:
 
 
 class DynamicWindow(LocalPolicy):
-    """Differential bodies and quadrupeds alike: v_y stays 0."""
+    """Differential bodies and quadrupeds alike: v_y stays 0 but on the way out of a tight spot."""
 
     def __init__(self, body: BodySpec, lidar: LidarSpec, config: DynamicWindowConfig = DynamicWindowConfig()):
         self.body = body
@@ -57,24 +77,78 @@ class DynamicWindow(LocalPolicy):
         angles = lidar.angles_in_base()
         self._beams_in_base = np.column_stack([np.cos(angles), np.sin(angles)])
         self._discs = cover_by_discs(body.footprint)
+        self._turning_disc = np.array([[0.0, 0.0, body.radius]])
+        self._centre = np.zeros((1, 3))
+        self._is_round = len(self._discs) == 1
         cells = 2 * round(config.reach / config.resolution)
         self._field = np.zeros((cells, cells), np.int16)
-        self._last = STOP
+        self._dt = 1.0 / lidar.rate
+        self._unanswered: deque[VelocityCommand] = deque(maxlen=round(body.delay * lidar.rate))
+        self.reset()
 
     def reset(self) -> None:
         """Stand."""
-        self._last = STOP
+        self._last = self._ramped = STOP
+        self._unanswered.clear()
+        self._since_progress = STANDING
+        self._waited = self._escaping = 0.0
 
     def command(self, observation: LocalObservation) -> VelocityCommand:
-        """The best pair of the window; a turn on the spot towards the waypoint where none is admissible."""
+        """The best pair of the window.
+
+        Where none is admissible it is a turn on the spot towards the waypoint, or the way to where there is room for
+        that.
+        """
+        c = self.config
+        distance_field(observation.scan.ranges, self._beams_in_base, c.resolution, c.reach, self._field)
+        start = self._pose_at_answer()
+        command = None if self._is_round else self._way_out(observation, start)
+        if command is None:
+            command = self._in_window(observation, start)
+        if command is None:
+            waypoint_x, waypoint_y = observation.waypoint_in_base
+            turn = math.copysign(c.recovery_turn * self.body.max_w_z, math.atan2(waypoint_y, waypoint_x))
+            command = VelocityCommand(0.0, 0.0, turn)
+            if not self._is_round and self._room_to_turn(start) < 0.0:
+                self._escaping = c.escape_time
+                command = self._way_out(observation, start) or STOP
+        self._last = command
+        self._remember(command)
+        return command
+
+    def _pose_at_answer(self) -> Pose2:
+        """Where the body will be, in the present base_link, when it answers what is commanded now."""
+        x = y = yaw = 0.0
+        for asked in self._unanswered:
+            middle = yaw + 0.5 * asked.w_z * self._dt
+            x += (asked.v_x * math.cos(middle) - asked.v_y * math.sin(middle)) * self._dt
+            y += (asked.v_x * math.sin(middle) + asked.v_y * math.cos(middle)) * self._dt
+            yaw += asked.w_z * self._dt
+        return Pose2(x, y, yaw)
+
+    def _remember(self, command: VelocityCommand) -> None:
+        """The command as the body's limits of acceleration let it through."""
+        body, last, dt = self.body, self._ramped, self._dt
+        self._ramped = VelocityCommand(
+            last.v_x + max(-body.max_a_x * dt, min(command.v_x - last.v_x, body.max_a_x * dt)),
+            last.v_y + max(-body.max_a_y * dt, min(command.v_y - last.v_y, body.max_a_y * dt)),
+            last.w_z + max(-body.max_a_w * dt, min(command.w_z - last.w_z, body.max_a_w * dt)),
+        )
+        self._unanswered.append(self._ramped)
+
+    def _in_window(self, observation: LocalObservation, start: Pose2) -> VelocityCommand | None:
+        """The cheapest admissible pair, if there is one."""
         body, c = self.body, self.config
-        _distance_field(observation.scan.ranges, self._beams_in_base, c.resolution, c.reach, self._field)
         # The window lies about what was asked for last: the measured velocity lags behind it.
         v_x, w_z, admissible = _best(
             self._field,
             c.resolution,
             c.reach,
             self._discs,
+            start.x,
+            start.y,
+            math.cos(start.yaw),
+            math.sin(start.yaw),
             observation.waypoint_in_base[0],
             observation.waypoint_in_base[1],
             observation.is_final,
@@ -96,65 +170,59 @@ class DynamicWindow(LocalPolicy):
             c.brake_margin,
             body.max_a_x,
         )
-        if not admissible:
-            bearing = math.atan2(observation.waypoint_in_base[1], observation.waypoint_in_base[0])
-            w_z = math.copysign(c.recovery_turn * body.max_w_z, bearing)
-            v_x = 0.0
-        self._last = VelocityCommand(v_x, 0.0, w_z)
-        return self._last
+        return VelocityCommand(v_x, 0.0, w_z) if admissible else None
 
+    def _room_to_turn(self, start: Pose2) -> float:
+        """What is left around the body when it turns on the spot once round [m]."""
+        c = self.config
+        room = _room(self._field, c.resolution, c.reach, self._turning_disc, start.x, start.y, 1.0, 0.0)
+        return room - c.margin
 
-def cover_by_discs(footprint: FloatArray) -> FloatArray:
-    """Equal discs along base_link's x axis that cover a convex outline.
-
-    Args:
-        footprint: (n, 2) [m].
-
-    Returns:
-        (k, 3) x, y and radius [m]; one disc about the origin for a body that is about as long as wide.
-    """
-    x_min, y_min = footprint.min(axis=0)
-    x_max, y_max = footprint.max(axis=0)
-    length, width = x_max - x_min, y_max - y_min
-    circumscribed = float(np.hypot(footprint[:, 0], footprint[:, 1]).max())
-    if length < 1.4 * width:
-        return np.array([[0.0, 0.0, circumscribed]])
-    count = math.ceil(length / width)
-    piece = length / count
-    radius = math.hypot(0.5 * piece, 0.5 * width)
-    xs = x_min + piece * (np.arange(count) + 0.5)
-    return np.column_stack([xs, np.full(count, 0.5 * (y_min + y_max)), np.full(count, radius)])
-
-
-@njit(cache=True)
-def _distance_field(ranges, beams, resolution, reach, field):
-    """Distance to the nearest return in fifths of a cell (5-7 chamfer), rows y and columns x from -reach on."""
-    n = field.shape[0]
-    field[:] = 32000
-    for k in range(ranges.shape[0]):
-        if ranges[k] < 1.5 * reach:
-            j = int((ranges[k] * beams[k, 0] + reach) / resolution)
-            i = int((ranges[k] * beams[k, 1] + reach) / resolution)
-            if 0 <= i < n and 0 <= j < n:
-                field[i, j] = 0
-    for i in range(1, n):
-        for j in range(1, n - 1):
-            field[i, j] = min(
-                field[i, j],
-                field[i - 1, j] + 5,
-                field[i, j - 1] + 5,
-                field[i - 1, j - 1] + 7,
-                field[i - 1, j + 1] + 7,
+    def _way_out(self, observation: LocalObservation, start: Pose2) -> VelocityCommand | None:
+        """Towards where it can turn, once it has stood for long where it cannot; None if it need not."""
+        body, c = self.body, self.config
+        self._watch_progress(observation)
+        room = self._room_to_turn(start)
+        if self._escaping <= 0.0 and self._waited >= c.patience and room < 0.0:
+            self._escaping = c.escape_time
+        if self._escaping <= 0.0:
+            return None
+        if room >= c.escape_room:
+            self._escaping = self._waited = 0.0
+            return None
+        self._escaping -= self._dt
+        if self._escaping <= 0.0:
+            self._waited = 0.0
+        return VelocityCommand(
+            *_clearest(
+                self._field,
+                c.resolution,
+                c.reach,
+                self._discs,
+                self._centre,
+                body.radius + c.margin + 2.0 * c.escape_room,
+                start.x,
+                start.y,
+                math.cos(start.yaw),
+                math.sin(start.yaw),
+                self._last,
+                c.escape_speed,
+                max(body.min_v_x, -c.escape_speed),
+                body.max_v_y,
+                c.recovery_turn * body.max_w_z,
+                c.escape_horizon,
+                c.time_step,
             )
-    for i in range(n - 2, -1, -1):
-        for j in range(n - 2, 0, -1):
-            field[i, j] = min(
-                field[i, j],
-                field[i + 1, j] + 5,
-                field[i, j + 1] + 5,
-                field[i + 1, j + 1] + 7,
-                field[i + 1, j - 1] + 7,
-            )
+        )
+
+    def _watch_progress(self, observation: LocalObservation) -> None:
+        """How long it has not got on though there is way to go."""
+        self._since_progress = compose(self._since_progress, observation.motion)
+        way, turn = self.config.progress_way, self.config.progress_turn
+        x, y, yaw = self._since_progress
+        if math.hypot(x, y) > way or abs(yaw) > turn or math.hypot(*observation.waypoint_in_base) < way:
+            self._since_progress, self._waited = STANDING, 0.0
+        self._waited += self._dt
 
 
 @njit(cache=True)
@@ -175,12 +243,12 @@ def _room(field, resolution, reach, discs, x, y, cos_yaw, sin_yaw):
 
 @njit(cache=True)
 def _best(
-    field, resolution, reach, discs, goal_x, goal_y, is_final, last_w, v_min, v_max, w_min, w_max, num_v,
-    num_w, horizon, dt, margin, comfort, comfort_weight, heading_weight, turn_weight, backward_weight, brake_margin,
-    max_a,
+    field, resolution, reach, discs, start_x, start_y, start_cos, start_sin, goal_x, goal_y, is_final, last_w, v_min,
+    v_max, w_min, w_max, num_v, num_w, horizon, dt, margin, comfort, comfort_weight, heading_weight, turn_weight,
+    backward_weight, brake_margin, max_a,
 ):  # fmt: skip
     """Cheapest admissible pair of velocities, and whether there was any."""
-    room_now = _room(field, resolution, reach, discs, 0.0, 0.0, 1.0, 0.0) - margin
+    room_now = _room(field, resolution, reach, discs, start_x, start_y, start_cos, start_sin) - margin
     steps = int(round(horizon / dt))
     best_cost, best_v, best_w, found = 1e30, 0.0, 0.0, False
     for b in range(num_w + 1):
@@ -189,10 +257,10 @@ def _best(
         half_cos, half_sin = math.cos(0.5 * w * dt), math.sin(0.5 * w * dt)
         for a in range(num_v):
             v = v_min + (v_max - v_min) * a / (num_v - 1)
-            x = y = 0.0
-            c, s = 1.0, 0.0  # of the heading
+            x, y = start_x, start_y
+            c, s = start_cos, start_sin  # of the heading
             least = 1e9
-            nearest = goal_x * goal_x + goal_y * goal_y
+            nearest = (goal_x - x) ** 2 + (goal_y - y) ** 2
             free = horizon
             for step in range(steps):
                 c, s = c * half_cos - s * half_sin, s * half_cos + c * half_sin
@@ -226,3 +294,44 @@ def _best(
             if cost < best_cost:
                 best_cost, best_v, best_w, found = cost, v, w, True
     return best_v, best_w, found
+
+
+@njit(cache=True)
+def _clearest(
+    field, resolution, reach, discs, centre, enough, start_x, start_y, start_cos, start_sin, last, speed, v_min,
+    v_y_max, w_max, horizon, dt,
+):  # fmt: skip
+    """Slow velocity that leads the body's centre farthest from all returns without leading its outline nearer.
+
+    Distances of the centre beyond ``enough`` count as that much. Sixteen directions, each with and without turning;
+    to stand is one choice more.
+    """
+    now = _room(field, resolution, reach, discs, start_x, start_y, start_cos, start_sin)
+    steps = int(round(horizon / dt))
+    best = -1e30
+    best_x, best_y, best_w = 0.0, 0.0, 0.0
+    for k in range(17):
+        v_x = speed * math.cos(0.125 * math.pi * k) if k < 16 else 0.0
+        v_y = speed * math.sin(0.125 * math.pi * k) if k < 16 else 0.0
+        if v_x < v_min - 1e-9 or abs(v_y) > v_y_max + 1e-9:
+            continue
+        for turn in range(-1, 2):
+            w = turn * w_max
+            x, y, c, s = start_x, start_y, start_cos, start_sin
+            half_cos, half_sin = math.cos(0.5 * w * dt), math.sin(0.5 * w * dt)
+            least = now
+            for _ in range(steps):
+                c, s = c * half_cos - s * half_sin, s * half_cos + c * half_sin
+                x += (v_x * c - v_y * s) * dt
+                y += (v_x * s + v_y * c) * dt
+                c, s = c * half_cos - s * half_sin, s * half_cos + c * half_sin
+                least = min(least, _room(field, resolution, reach, discs, x, y, c, s))
+            gain = min(_room(field, resolution, reach, centre, x, y, 1.0, 0.0), enough)
+            # Nearer than now counts four times what it gains where it is tight, and nothing from a cell of room on.
+            loss = max(0.0, min(now, resolution) - least)
+            # Two centimetres, the range noise, for going the other way: it must not waver between equally good ways.
+            change = abs(v_x - last[0]) + abs(v_y - last[1]) + 0.1 * abs(w - last[2])
+            value = gain - 4.0 * loss - 0.05 * change - 0.01 * abs(turn)
+            if value > best:
+                best, best_x, best_y, best_w = value, v_x, v_y, w
+    return best_x, best_y, best_w
