@@ -13,6 +13,7 @@ from vuca_nav.errors import BadArgument
 from vuca_nav.exploration.heatmap import SafetyMap, safety_around
 from vuca_nav.geometry import distance
 from vuca_nav.policy.learned import LearnedPolicy, PolicyCritic
+from vuca_nav.policy.shield import Shield
 from vuca_nav.telemetry import Telemetry
 from vuca_nav.types import FloatArray, Pose2
 
@@ -99,7 +100,8 @@ def view_at(
         )
     episode, telemetry = Episode(config), _Returns()
     simulation, navigator, scan, odometry = episode.begin(telemetry)
-    if not isinstance(navigator.policy, LearnedPolicy):
+    policy = navigator.policy.policy if isinstance(navigator.policy, Shield) else navigator.policy
+    if not isinstance(policy, LearnedPolicy):
         raise BadArgument(f"method {config.method!r} has no critic; take one with a learned policy, such as 'ours'")
     while True:
         command = navigator.step(scan, odometry)
@@ -108,7 +110,7 @@ def view_at(
         scan, odometry = simulation.step(command)
         if progress is not None:
             progress(simulation.time, distance(simulation.true_pose, navigator.goal))
-    pose, critic = navigator.map_from_base, PolicyCritic(navigator.policy)
+    pose, critic = navigator.map_from_base, PolicyCritic(policy)
     safety = safety_around(lambda points: critic.values(points, pose), pose[:2], half_side, resolution)
     grid, (rows, columns) = navigator.slam.navigation_grid, safety.values.shape
     xs = safety.lower_left[0] + (np.arange(columns) + 0.5) * safety.resolution

@@ -12,6 +12,7 @@ from vuca_nav.navigator import Navigator, NavigatorConfig
 from vuca_nav.policy.dwa import DynamicWindow
 from vuca_nav.policy.learned import LearnedPolicy, PolicyCritic
 from vuca_nav.policy.network import LEARNED_GATE, UNIFORM_GATE, Gate
+from vuca_nav.policy.shield import Shield
 from vuca_nav.policy.weights_file import WEIGHTS_FOLDER, load_weights
 from vuca_nav.telemetry import Telemetry
 from vuca_nav.types import BodySpec, LidarSpec
@@ -55,6 +56,9 @@ class Learned:
     safety: bool = False
     """Whether the policy's critic rates the frontiers, V^h, beside D^h."""
 
+    shielded: bool = False
+    """Whether a shield stands between the policy and the body."""
+
     @property
     def path(self) -> Path:
         """Of its weights file."""
@@ -69,12 +73,13 @@ class Learned:
         body, lidar, telemetry = request.body, request.lidar, request.telemetry
         weights = load_weights(self.path if request.policy is None else Path(request.policy))
         policy = LearnedPolicy(body, lidar, weights, self.gate, telemetry)
+        guarded = Shield(body, lidar, policy) if self.shielded else policy
         config = _config(request)
         if not self.safety:
-            return Navigator(body, lidar, policy, config, telemetry)
+            return Navigator(body, lidar, guarded, config, telemetry)
         gamma = GAMMA if request.gamma is None else request.gamma
         config = replace(config, explorer=ExplorerConfig(gamma=gamma))
-        return Navigator(body, lidar, policy, config, telemetry, PolicyCritic(policy))
+        return Navigator(body, lidar, guarded, config, telemetry, PolicyCritic(policy))
 
 
 def _config(request: StackRequest) -> NavigatorConfig:
@@ -86,15 +91,22 @@ def _dwa_dh(request: StackRequest) -> Navigator:
     return Navigator(request.body, request.lidar, window, _config(request), request.telemetry)
 
 
-def _learned(description: str, weights: str, gate: Gate = LEARNED_GATE, safety: bool = False) -> Method:
-    learned = Learned(weights, gate, safety)
+def _learned(
+    description: str, weights: str, gate: Gate = LEARNED_GATE, *, safety: bool = False, shielded: bool = False
+) -> Method:
+    learned = Learned(weights, gate, safety, shielded)
     return Method(description, learned.build, learned)
 
 
 ALL: dict[str, Method] = {
     "dwa-dh": Method("SLAM, frontier exploration by D^h and waypoints, over a dynamic window controller", _dwa_dh),
-    "ours": _learned("the full system: the policy of fusion+, frontiers by D^h and V^h", "fusion_plus", safety=True),
-    "ours-dh": _learned("the full system without V^h", "fusion_plus"),
+    "ours": _learned(
+        "the full system: the policy of fusion+ under a shield, frontiers by D^h and V^h",
+        "fusion_plus",
+        safety=True,
+        shielded=True,
+    ),
+    "ours-dh": _learned("the full system without V^h", "fusion_plus", shielded=True),
     "go-straight": _learned("stage 1's expert for going straight alone, D^h", "go_straight"),
     "obstacle-avoidance": _learned("stage 1's expert for avoiding obstacles alone, D^h", "obstacle_avoidance"),
     "single": _learned("one network trained like the fused one, D^h", "single"),

@@ -16,6 +16,7 @@ from tests.vuca_nav.rooms import LIDAR, disc_body
 from vuca_nav.errors import BadArgument, BadWeights, UnknownName
 from vuca_nav.exploration.heuristic import NoCritic
 from vuca_nav.policy.learned import LearnedPolicy, PolicyCritic
+from vuca_nav.policy.shield import Shield
 from vuca_nav.telemetry import Telemetry
 
 
@@ -37,12 +38,14 @@ def test_only_methods_that_can_run_are_listed():
 def test_what_the_methods_differ_in(weights):
     ours = build("ours", policy=weights)
     assert isinstance(ours.explorer.critic, PolicyCritic)
-    assert ours.explorer.critic.policy is ours.policy
+    assert isinstance(ours.policy, Shield)
+    assert ours.explorer.critic.policy is ours.policy.policy
     assert ours.explorer.config.gamma == GAMMA
     assert build("ours", policy=weights, gamma=2.0).explorer.config.gamma == 2.0
     without = build("ours-dh", policy=weights)
-    assert isinstance(without.policy, LearnedPolicy)
+    assert isinstance(without.policy, Shield)
     assert isinstance(without.explorer.critic, NoCritic)
+    assert isinstance(build("fusion+", policy=weights).policy, LearnedPolicy)
     uniform = build("fusion-uniform", policy=weights).policy
     assert isinstance(uniform, LearnedPolicy)
     assert uniform.network.gate.uniform

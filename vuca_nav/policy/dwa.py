@@ -8,7 +8,6 @@ neither on nor round; it then backs or sidesteps out to where it can turn on the
 """
 
 import math
-from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +15,8 @@ from numba import njit
 
 from vuca_nav.geometry import compose
 from vuca_nav.policy.base import STANDING, LocalObservation, LocalPolicy
-from vuca_nav.policy.surroundings import cover_by_discs, distance_field
+from vuca_nav.policy.surroundings import cover_by_discs, distance_field, room_around
+from vuca_nav.policy.unanswered import Unanswered
 from vuca_nav.types import STOP, BodySpec, LidarSpec, Pose2, VelocityCommand
 
 
@@ -83,13 +83,13 @@ class DynamicWindow(LocalPolicy):
         cells = 2 * round(config.reach / config.resolution)
         self._field = np.zeros((cells, cells), np.int16)
         self._dt = 1.0 / lidar.rate
-        self._unanswered: deque[VelocityCommand] = deque(maxlen=round(body.delay * lidar.rate))
+        self._unanswered = Unanswered(body, lidar.rate)
         self.reset()
 
     def reset(self) -> None:
         """Stand."""
-        self._last = self._ramped = STOP
-        self._unanswered.clear()
+        self._last = STOP
+        self._unanswered.reset()
         self._since_progress = STANDING
         self._waited = self._escaping = 0.0
 
@@ -101,7 +101,7 @@ class DynamicWindow(LocalPolicy):
         """
         c = self.config
         distance_field(observation.scan.ranges, self._beams_in_base, c.resolution, c.reach, self._field)
-        start = self._pose_at_answer()
+        start = self._unanswered.pose()
         command = None if self._is_round else self._way_out(observation, start)
         if command is None:
             command = self._in_window(observation, start)
@@ -113,28 +113,8 @@ class DynamicWindow(LocalPolicy):
                 self._escaping = c.escape_time
                 command = self._way_out(observation, start) or STOP
         self._last = command
-        self._remember(command)
+        self._unanswered.add(command)
         return command
-
-    def _pose_at_answer(self) -> Pose2:
-        """Where the body will be, in the present base_link, when it answers what is commanded now."""
-        x = y = yaw = 0.0
-        for asked in self._unanswered:
-            middle = yaw + 0.5 * asked.w_z * self._dt
-            x += (asked.v_x * math.cos(middle) - asked.v_y * math.sin(middle)) * self._dt
-            y += (asked.v_x * math.sin(middle) + asked.v_y * math.cos(middle)) * self._dt
-            yaw += asked.w_z * self._dt
-        return Pose2(x, y, yaw)
-
-    def _remember(self, command: VelocityCommand) -> None:
-        """The command as the body's limits of acceleration let it through."""
-        body, last, dt = self.body, self._ramped, self._dt
-        self._ramped = VelocityCommand(
-            last.v_x + max(-body.max_a_x * dt, min(command.v_x - last.v_x, body.max_a_x * dt)),
-            last.v_y + max(-body.max_a_y * dt, min(command.v_y - last.v_y, body.max_a_y * dt)),
-            last.w_z + max(-body.max_a_w * dt, min(command.w_z - last.w_z, body.max_a_w * dt)),
-        )
-        self._unanswered.append(self._ramped)
 
     def _in_window(self, observation: LocalObservation, start: Pose2) -> VelocityCommand | None:
         """The cheapest admissible pair, if there is one."""
@@ -175,7 +155,7 @@ class DynamicWindow(LocalPolicy):
     def _room_to_turn(self, start: Pose2) -> float:
         """What is left around the body when it turns on the spot once round [m]."""
         c = self.config
-        room = _room(self._field, c.resolution, c.reach, self._turning_disc, start.x, start.y, 1.0, 0.0)
+        room = room_around(self._field, c.resolution, c.reach, self._turning_disc, start.x, start.y, 1.0, 0.0)
         return room - c.margin
 
     def _way_out(self, observation: LocalObservation, start: Pose2) -> VelocityCommand | None:
@@ -226,29 +206,13 @@ class DynamicWindow(LocalPolicy):
 
 
 @njit(cache=True)
-def _room(field, resolution, reach, discs, x, y, cos_yaw, sin_yaw):
-    """Least distance between a disc's edge and a return, the body at a pose [m]."""
-    n = field.shape[0]
-    per_metre = 1.0 / resolution
-    least = 1e9
-    for k in range(discs.shape[0]):
-        px = x + cos_yaw * discs[k, 0] - sin_yaw * discs[k, 1]
-        py = y + sin_yaw * discs[k, 0] + cos_yaw * discs[k, 1]
-        j = int((px + reach) * per_metre)
-        i = int((py + reach) * per_metre)
-        if 0 <= i < n and 0 <= j < n:
-            least = min(least, field[i, j] * (0.2 * resolution) - discs[k, 2])
-    return least
-
-
-@njit(cache=True)
 def _best(
     field, resolution, reach, discs, start_x, start_y, start_cos, start_sin, goal_x, goal_y, is_final, last_w, v_min,
     v_max, w_min, w_max, num_v, num_w, horizon, dt, margin, comfort, comfort_weight, heading_weight, turn_weight,
     backward_weight, brake_margin, max_a,
 ):  # fmt: skip
     """Cheapest admissible pair of velocities, and whether there was any."""
-    room_now = _room(field, resolution, reach, discs, start_x, start_y, start_cos, start_sin) - margin
+    room_now = room_around(field, resolution, reach, discs, start_x, start_y, start_cos, start_sin) - margin
     steps = int(round(horizon / dt))
     best_cost, best_v, best_w, found = 1e30, 0.0, 0.0, False
     for b in range(num_w + 1):
@@ -267,7 +231,7 @@ def _best(
                 x += v * c * dt
                 y += v * s * dt
                 c, s = c * half_cos - s * half_sin, s * half_cos + c * half_sin
-                room = _room(field, resolution, reach, discs, x, y, c, s) - margin
+                room = room_around(field, resolution, reach, discs, x, y, c, s) - margin
                 # From too near an obstacle one may still move away from it.
                 if room < 0.0 and room <= room_now + 1e-3 * step:
                     free = step * dt
@@ -306,7 +270,7 @@ def _clearest(
     Distances of the centre beyond ``enough`` count as that much. Sixteen directions, each with and without turning;
     to stand is one choice more.
     """
-    now = _room(field, resolution, reach, discs, start_x, start_y, start_cos, start_sin)
+    now = room_around(field, resolution, reach, discs, start_x, start_y, start_cos, start_sin)
     steps = int(round(horizon / dt))
     best = -1e30
     best_x, best_y, best_w = 0.0, 0.0, 0.0
@@ -325,8 +289,8 @@ def _clearest(
                 x += (v_x * c - v_y * s) * dt
                 y += (v_x * s + v_y * c) * dt
                 c, s = c * half_cos - s * half_sin, s * half_cos + c * half_sin
-                least = min(least, _room(field, resolution, reach, discs, x, y, c, s))
-            gain = min(_room(field, resolution, reach, centre, x, y, 1.0, 0.0), enough)
+                least = min(least, room_around(field, resolution, reach, discs, x, y, c, s))
+            gain = min(room_around(field, resolution, reach, centre, x, y, 1.0, 0.0), enough)
             # Nearer than now counts four times what it gains where it is tight, and nothing from a cell of room on.
             loss = max(0.0, min(now, resolution) - least)
             # Two centimetres, the range noise, for going the other way: it must not waver between equally good ways.

@@ -99,6 +99,19 @@ class Tracker:
             self.tracks, self._odometry, self._since, self._found, self._taken,
         )  # fmt: skip
 
+    def things(self, row: int, out: FloatArray) -> int:
+        """What a row knows of now.
+
+        Args:
+            row: Which.
+            out: (MAX_TRACKS, SLOT_SIZE), written to: position, velocity over the ground, in base_link, radius,
+                certainty from 0 to 1 [m, m/s, m].
+
+        Returns:
+            How many there are.
+        """
+        return _in_base(self.tracks[row], self._odometry[row], self._since[row], out)
+
     def features(
         self,
         rows: NDArray[np.int64],
@@ -251,22 +264,27 @@ def _follow(things, found, pose, dt, taken):
 
 
 @njit(cache=True, nogil=True)
+def _in_base(things, pose, t, out):
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    count = 0
+    for k in range(len(things)):
+        thing = things[k]
+        if thing[_HITS] == 0.0:
+            continue
+        dx, dy = thing[_X] + t * thing[_V_X] - pose[0], thing[_Y] + t * thing[_V_Y] - pose[1]
+        row = out[count]
+        row[0], row[1] = c * dx + s * dy, -s * dx + c * dy
+        row[2], row[3] = c * thing[_V_X] + s * thing[_V_Y], -s * thing[_V_X] + c * thing[_V_Y]
+        row[4], row[5] = thing[_RADIUS], min(thing[_HITS], 4.0) / (4.0 + thing[_MISSED])
+        count += 1
+    return count
+
+
+@njit(cache=True, nogil=True)
 def _features(rows, tracks, odometry, since, directions, body_radius, max_speed, here, meetings, rest):
     num_directions = len(directions)
     for i in rows:
-        things, pose, t = tracks[i], odometry[i], since[i]
-        c, s = math.cos(pose[2]), math.sin(pose[2])
-        count = 0
-        for k in range(len(things)):
-            thing = things[k]
-            if thing[_HITS] == 0.0:
-                continue
-            dx, dy = thing[_X] + t * thing[_V_X] - pose[0], thing[_Y] + t * thing[_V_Y] - pose[1]
-            row = here[count]
-            row[0], row[1] = c * dx + s * dy, -s * dx + c * dy
-            row[2], row[3] = c * thing[_V_X] + s * thing[_V_Y], -s * thing[_V_X] + c * thing[_V_Y]
-            row[4], row[5] = thing[_RADIUS], min(thing[_HITS], 4.0) / (4.0 + thing[_MISSED])
-            count += 1
+        count = _in_base(tracks[i], odometry[i], since[i], here)
         for a in range(len(SPEEDS)):
             speed = SPEEDS[a] * max_speed[i]
             for d in range(num_directions):
