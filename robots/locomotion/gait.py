@@ -13,6 +13,8 @@ from robots.locomotion.kernels import (
     fill_observation,
     joint_targets,
     leg_velocity,
+    level_trunk,
+    trot_angles,
 )
 from robots.locomotion.model import QuadrupedModel
 from robots.locomotion.network import BadObservation, PolicyNetwork
@@ -65,6 +67,7 @@ class Gait:
         self._action, self._targets, self._last_targets = (np.zeros(ACTION_SIZE) for _ in range(3))
         self._command, self._wanted, self._clock = np.zeros(3), np.zeros(3), np.zeros(2)
         self._trim, self._asked = np.zeros(3), np.zeros(3)
+        self._tilt, self._lifts, self._standing = np.zeros(2), np.zeros(4), np.zeros(ACTION_SIZE)
         self._observation = np.zeros(OBSERVATION_SIZE)
         self.velocity, self.leg_velocity = np.zeros(2), np.zeros(2)
         self.worth = 0.0
@@ -75,8 +78,9 @@ class Gait:
         self._start[:] = q
         self._targets[:] = q
         self._last_targets[:] = q
-        for array in (self._action, self._command, self._clock, self._trim, self.velocity, self.leg_velocity):
+        for array in (self._action, self._command, self._clock, self._trim, self._tilt, self._lifts):
             array[:] = 0.0
+        self.velocity[:], self.leg_velocity[:] = 0.0, 0.0
         self.mode, self._time, self._low_ticks, self.worth = Mode.STARTING, 0.0, 0, 0.0
 
     def measure(self, gyro: FloatArray, up: FloatArray, q: FloatArray, dq: FloatArray) -> None:
@@ -115,7 +119,7 @@ class Gait:
         if self.mode is Mode.FALLEN:
             self._targets[:] = q
         elif self.mode is Mode.STARTING:
-            self._rise()
+            self._rise(up)
         else:
             self._wanted[:] = command
             advance_clock(self._tuning, self._wanted, self._command, self._clock)
@@ -126,16 +130,21 @@ class Gait:
                 self._observation,
             )  # fmt: skip
             self._policy(self._observation, self._action)
-            joint_targets(self._legs, self._tuning, self._asked, self._clock, self._action, self._targets)
+            joint_targets(
+                self._legs, self._tuning, self._asked, self._clock, self._lifts, self._action, self._targets
+            )  # fmt: skip
         return self._targets
 
-    def _rise(self) -> None:
-        """From where the legs are to folded, from folded to standing, each along a cosine."""
+    def _rise(self, up: FloatArray) -> None:
+        """From where the legs are to folded, from folded to standing level, each along a cosine."""
         self._time += self._tuning.dt
         if self._time < FOLD_TIME:
             _blend(self._start, self._folded, self._time / FOLD_TIME, self._targets)
         else:
-            _blend(self._folded, self._tuning.nominal, (self._time - FOLD_TIME) / RISE_TIME, self._targets)
+            # Legs of one length would tip over on a slope: the lower ones, under more weight, give way the more.
+            level_trunk(self._legs, self._tuning, up, self._tilt, self._lifts)
+            trot_angles(self._legs, self._tuning, self._command, self._clock, self._lifts, self._standing)
+            _blend(self._folded, self._standing, (self._time - FOLD_TIME) / RISE_TIME, self._targets)
         if self._time >= START_UP_TIME:
             self.mode = Mode.WALKING
 

@@ -25,6 +25,10 @@ TRIM_LIMIT = 0.1
 """[m/s]"""
 TURN_TRIM_LIMIT = 0.1
 """[rad/s]"""
+LEVELLING_TIME = 0.5
+"""In which a tilt of the trunk is taken away while it rises; with it as time constant that fades again [s]."""
+LEVELLING_LIMIT = 0.2
+"""The greatest tilt that is [rad]."""
 
 
 class Tuning(NamedTuple):
@@ -116,8 +120,26 @@ def leg_phase(leg, phase):
 
 
 @njit(cache=True)
-def trot_angles(legs, tuning, command, clock, out):
-    """Joint angles of the nominal trot. out: (12,) [rad].
+def level_trunk(legs, tuning, up, tilt, lifts):
+    """Shorten the higher legs of a robot that stands, and lengthen the lower ones, until its trunk is level.
+
+    Args:
+        legs: Dimensions.
+        tuning: Of the gait.
+        up: (3,) the vertical in base_link.
+        tilt: (2,) what is taken away of it, forward and left [rad]; changed.
+        lifts: (4,) how much higher than in the nominal trot each foot is [m]; changed.
+    """
+    for i in range(2):
+        tilt[i] += tuning.dt / LEVELLING_TIME * up[i]
+        tilt[i] = min(max(tilt[i], -LEVELLING_LIMIT), LEVELLING_LIMIT)
+    for leg in range(4):
+        lifts[leg] = tilt[0] * legs.hips[leg, 0] + tilt[1] * (legs.hips[leg, 1] + legs.offsets[leg])
+
+
+@njit(cache=True)
+def trot_angles(legs, tuning, command, clock, lifts, out):
+    """Joint angles of the nominal trot, the feet higher by ``lifts`` (4,) [m]. out: (12,) [rad].
 
     In stance a foot goes back over the ground on the arc of the commanded twist; in swing it
     returns, lifted along a half sine of its phase. The servos are soft: a standing leg's targets are ahead of its
@@ -139,7 +161,7 @@ def trot_angles(legs, tuning, command, clock, out):
             swing = (phase - tuning.duty) / (1.0 - tuning.duty)
             along, lift = -0.5 * math.cos(math.pi * swing), math.sin(math.pi * swing)
         along *= clock[1] * stance_time
-        z = legs.foot_radius - tuning.hip_height + lift * clock[1] * tuning.swing_height
+        z = legs.foot_radius - tuning.hip_height + lift * clock[1] * tuning.swing_height + lifts[leg]
         # Where a point of the floor under the resting foot is, ``along`` before the body passes over it.
         turn = along * command[2]
         c, t = math.cos(turn), math.sin(turn)
@@ -278,8 +300,13 @@ def fill_observation(tuning, gyro, up, command, q, dq, action, clock, velocity, 
 
 
 @njit(cache=True)
-def joint_targets(legs, tuning, command, clock, action, out):
-    """Nominal trot plus the policy's correction, within the joints' limits. out: (12,) [rad]."""
-    trot_angles(legs, tuning, command, clock, out)
+def joint_targets(legs, tuning, command, clock, lifts, action, out):
+    """Nominal trot plus the policy's correction, within the joints' limits. out: (12,) [rad].
+
+    The policy does without the lifts of the start-up: they fade.
+    """
+    for leg in range(4):
+        lifts[leg] -= tuning.dt / LEVELLING_TIME * lifts[leg]
+    trot_angles(legs, tuning, command, clock, lifts, out)
     for j in range(12):
         out[j] = min(max(out[j] + tuning.action_scale[j] * action[j], tuning.lower[j]), tuning.upper[j])

@@ -85,7 +85,7 @@ class QuadrupedModel:
             lower=self.lower, upper=self.upper, fall_height=config.fall_height, side_slip=config.side_slip,
             yaw_lever=config.yaw_lever,
         )  # fmt: skip
-        trot_angles(self.legs, tuning, np.zeros(3), np.zeros(2), tuning.nominal)
+        trot_angles(self.legs, tuning, np.zeros(3), np.zeros(2), np.zeros(4), tuning.nominal)
         return tuning
 
     def mjcf(self, *, touch: bool = False, delayed: bool = True) -> RootElement:

@@ -7,23 +7,30 @@ import pytest
 import torch
 
 from robots.go2 import GO2
+from robots.locomotion.gait import START_UP_TIME
 from robots.locomotion.kernels import (
     ACTION_SIZE,
     GYRO_SCALE,
+    LEVELLING_LIMIT,
+    LEVELLING_TIME,
     OBSERVATION_SIZE,
     RATE_SCALE,
     fill_observation,
+    level_trunk,
     trot_angles,
 )
 from robots.locomotion.model import QuadrupedModel
 from robots.locomotion.odometry import LegSensors
 from robots.noise import NoiseConfig
+from tests.robots.gaits import untaught
 from train.locomotion.batch import Batch, SensorNoise
 from train.locomotion.curves import read_log
 from train.locomotion.environment import EnvironmentConfig, LocomotionEnvironment
-from train.locomotion.evaluate import CONTROL, prepare_out, tracking_errors
-from train.locomotion.kernels import CRITIC_SIZE, NUM_NORMAL, NUM_UNIFORM, REWARDS, _reset
+from train.locomotion.evaluate import CONTROL, Track, prepare_out, tracking_errors
+from train.locomotion.floors import Floor
+from train.locomotion.kernels import CRITIC_SIZE, FALL_COST, NUM_NORMAL, NUM_UNIFORM, REWARDS, _reset
 from train.locomotion.policy import Normaliser, action_mirror, observation_mirror, privileged_mirror
+from train.locomotion.ppo import Learner, PpoConfig
 from vuca_nav.errors import BadArgument
 from vuca_nav.types import VelocityCommand
 
@@ -65,8 +72,8 @@ def test_the_nominal_trot_is_symmetric():
     tuning = model.tuning(1.0 / 60.0)
     order, signs = (np.array(part) for part in action_mirror())
     here, there = np.empty(12), np.empty(12)
-    trot_angles(model.legs, tuning, np.array([0.5, 0.2, 0.7]), np.array([0.2, 1.0]), here)
-    trot_angles(model.legs, tuning, np.array([0.5, -0.2, -0.7]), np.array([0.7, 1.0]), there)
+    trot_angles(model.legs, tuning, np.array([0.5, 0.2, 0.7]), np.array([0.2, 1.0]), np.zeros(4), here)
+    trot_angles(model.legs, tuning, np.array([0.5, -0.2, -0.7]), np.array([0.7, 1.0]), np.zeros(4), there)
     assert there == pytest.approx(signs * here[order], abs=1e-9)
 
 
@@ -225,3 +232,52 @@ def test_a_torn_last_line_of_the_log_is_left_out(tmp_path):
     log = tmp_path / "log.jsonl"
     log.write_text('{"iteration": 1}\n{"iteration": 2}\n{"itera')
     assert [row["iteration"] for row in read_log(log)] == [1, 2]
+
+
+def test_a_higher_leg_is_shortened_until_the_trunk_is_level():
+    model = QuadrupedModel(GO2)
+    tuning = model.tuning(1.0 / 60.0)
+    tilt, lifts = np.zeros(2), np.zeros(4)
+    level_trunk(model.legs, tuning, np.array([0.06, 0.0, 1.0]), tilt, lifts)  # the front is higher
+    assert tilt == pytest.approx([0.06 / 60.0 / LEVELLING_TIME, 0.0])
+    assert lifts == pytest.approx(tilt[0] * model.legs.hips[:, 0])
+    assert (lifts > 0.0).tolist() == [True, True, False, False]
+    for _ in range(1000):
+        level_trunk(model.legs, tuning, np.array([0.0, -0.5, 0.9]), tilt, lifts)  # the right is higher
+    assert tilt[1] == -LEVELLING_LIMIT
+    assert (lifts > 0.0).tolist() == [False, True, False, True]
+
+
+@pytest.mark.parametrize("uphill", [0.0, 1.3, math.pi])
+def test_it_gets_up_level_on_a_slope(tmp_path, uphill):
+    body = untaught(tmp_path)
+    body.settle_time = START_UP_TIME - 1.0 / CONTROL  # until its policy would take over
+    track = Track(body, 0, vary=False, floor=Floor(slope=0.1, uphill=uphill))
+    w, x, y, z = track.data.qpos[3:7]
+    lean = math.acos(1.0 - 2.0 * (x * x + y * y))
+    assert lean < 0.04  # the floor's is 0.1, and legs of one length lean more than that
+    assert w * w + z * z > 0.9
+
+
+def test_the_divergence_is_that_of_the_policy_not_of_its_two_sides():
+    """A policy that has not changed has none, however unlike left and right are in it."""
+    learner = Learner(
+        LocomotionEnvironment(GO2, SMALL, np.random.default_rng(0)),
+        PpoConfig(horizon=4, epochs=1, minibatches=1, actor_rate=0.0),
+        seed=0,
+    )
+    with torch.no_grad():
+        for layer in learner.network.layers[::2]:
+            layer.weight.normal_(generator=torch.Generator().manual_seed(1))
+    assert learner.iterate(0.9)["divergence"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_fall_costs_and_the_rest_does_not():
+    environment = LocomotionEnvironment(GO2, SMALL, np.random.default_rng(0))
+    zeros = np.zeros((8, ACTION_SIZE), np.float32)
+    environment.step(zeros)
+    environment.step(zeros)
+    environment.batch.state[3, 4:8] = (0.0, 1.0, 0.0, 0.0)
+    reward = environment.step(zeros).reward
+    assert reward[3] == pytest.approx(-FALL_COST, abs=0.1)
+    assert (np.delete(reward, 3) >= 0.0).all()

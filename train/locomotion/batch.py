@@ -88,8 +88,9 @@ class Batch(NamedTuple):
 
 @njit(cache=True)
 def _targets(legs, tuning, command, clock, action, targets, last_targets, delay, control):
+    lifts = np.zeros(4)  # none is left of the start-up
     for i in range(len(action)):
         last_targets[i] = targets[i]
-        joint_targets(legs, tuning, command[i], clock[i], action[i], targets[i])
+        joint_targets(legs, tuning, command[i], clock[i], lifts, action[i], targets[i])
         for s in range(control.shape[1]):
             control[i, s] = last_targets[i] if s < delay[i] else targets[i]

@@ -41,7 +41,8 @@ class EnvironmentConfig:
     """Mean time between pushes [s]."""
     num_sills: int = 0
     """Bars on each robot's floor."""
-    randomisation: Randomisation = field(default_factory=Randomisation)
+    randomisation: Randomisation = field(default_factory=lambda: Randomisation(friction=(0.3, 1.25)))
+    """Floors more slippery than those of the evaluation: on its worst ones most falls happened."""
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     noise_factor: float = 1.5
     """So many times that noise is trained with: no robot's is known better."""

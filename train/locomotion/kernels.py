@@ -35,6 +35,8 @@ _CONTACT = 2.0
 """Force that counts as contact [N]."""
 _MAX_STATE = 1e10
 """Beyond it, as MuJoCo has it, the physics has come apart [any unit]."""
+FALL_COST = 5.0
+"""What some 1.3 s of walking well are worth."""
 _SLOW = 0.5
 """Time constant of the slow tracking error [s]."""
 _NUM_SAMPLE = 29
@@ -103,12 +105,14 @@ def _reset(tuning, noise, batch, i, u, g, low, high):
 def judge(legs, tuning, batch, states, sensors, touch, episode, reward, terminated, truncated, terms):
     """Reward and end of a control step whose physics is done; the batch and the last four arguments are changed."""
     up, v_base, position, rolling, planar = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(2)
+    floor_up, normal = np.empty(3), np.array([0.0, 0.0, 1.0])
     torque = np.empty(3)
     for i in range(len(states)):
         batch.state[i] = states[i]
         state = batch.state[i]
         command, clock, action = batch.command[i], batch.clock[i], batch.action[i]
         _in_base(state[4:8], batch.up_world[i], up)
+        _in_base(state[4:8], normal, floor_up)
         _in_base(state[4:8], state[20:23], v_base)
         gyro = state[23:26]
         level_velocity(up, v_base[0], v_base[1], v_base[2], planar)
@@ -165,7 +169,7 @@ def judge(legs, tuning, batch, states, sensors, touch, episode, reward, terminat
         t[4] = math.exp(-slow2 / 0.01)
         t[5], t[6] = 0.5 * matches / 4.0, 0.3
         t[7], t[8] = -v_up * v_up, -0.05 * (gyro[0] ** 2 + gyro[1] ** 2)
-        t[9], t[10] = -10.0 * (up[0] ** 2 + up[1] ** 2), -40.0 * (height - tuning.hip_height) ** 2
+        t[9], t[10] = -10.0 * (floor_up[0] ** 2 + floor_up[1] ** 2), -40.0 * (height - tuning.hip_height) ** 2
         t[11], t[12], t[13] = -1e-4 * effort, -0.02 * rate, -0.01 * jerk
         t[14], t[15], t[16] = -0.3 * hips, -0.1 * slip, -15.0 * clearance
         t[17] = -0.5 * still if clock[1] == 0.0 else 0.0
@@ -184,6 +188,8 @@ def judge(legs, tuning, batch, states, sensors, touch, episode, reward, terminat
             if not math.isfinite(action[j]):
                 finite = False
         terminated[i] = not finite or up[2] < _FALL_UP or height < tuning.fall_height
+        if terminated[i]:
+            reward[i] -= FALL_COST
         truncated[i] = (batch.age[i] >= episode or batch.must_reset[i]) and not terminated[i]
         if not finite:
             reward[i] = 0.0

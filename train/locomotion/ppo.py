@@ -191,10 +191,11 @@ class Learner:
                 torch.nn.utils.clip_grad_norm_(self.critic.parameters(), 1.0)
                 self.actor_optimiser.step()
                 self.critic_optimiser.step()
-                with torch.no_grad():
-                    now = self.network.layers(part.get("observation"))
+                with torch.no_grad():  # of what was not mirrored: else it would also measure how unlike the sides are
+                    own = size // 2
+                    now = self.network.layers(part.get("observation")[own:])
                     std = self.network.log_std.clamp(-3.0, 0.0).exp()
-                    kl = float(_divergence(part.get("loc"), old_std, now, std))
+                    kl = float(_divergence(part.get("loc")[own:], old_std, now, std))
                 divergence += kl
                 critic_loss += float(losses["loss_critic"].detach())
                 updates += 1

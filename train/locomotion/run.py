@@ -43,7 +43,7 @@ class Stage:
     """Reached at the stage's end, from the last stage's: 1 is sills of 4.5 cm and slopes of 11%."""
 
 
-STAGES = (Stage(0.0, 120, 0, 0.0), Stage(0.4, 120, 6, 1.0))
+STAGES = (Stage(0.0, 120, 0, 0.0), Stage(0.25, 120, 6, 1.0))
 """Flat floor first, then sills and slopes. The simulation's 300 Hz cost more than twice as much a step, and a gait
 trained at 120 Hz tracks as well there."""
 
