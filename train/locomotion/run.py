@@ -48,8 +48,9 @@ STAGES = (Stage(0.0, 120, 0, 0.0), Stage(0.25, 120, 6, 1.0))
 trained at 120 Hz tracks as well there."""
 
 
-STEPS = 16_000_000
-"""Control steps of the full recipe: about 27 minutes on one idle core."""
+STEPS = 8_000_000
+"""Control steps of the full recipe: 13 to 17 minutes on one core. After twice as many it follows commands better and
+falls far more often (docs/locomotion.md)."""
 
 
 @dataclass(frozen=True, slots=True)
