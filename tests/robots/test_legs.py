@@ -99,6 +99,7 @@ def test_a_foot_counts_only_if_present_and_last_targets_say_that_it_carries(mode
     for leg in range(4):
         hip = model.legs.hips[leg]
         y = hip[1] + model.legs.offsets[leg]
+        y += math.copysign(tuning.stance_width, y)
         leg_angles(model.legs, leg, hip[0], y, model.legs.foot_radius - tuning.hip_height, q[3 * leg : 3 * leg + 3])
     limp[:3], dq[:3] = q[:3], (0.5, 0.5, 0.0)
     told = {}
@@ -118,6 +119,7 @@ def test_standing_feet_carry_the_weight(model):
     for leg in range(4):
         hip = model.legs.hips[leg]
         y = hip[1] + model.legs.offsets[leg]
+        y += math.copysign(tuning.stance_width, y)
         leg_angles(model.legs, leg, hip[0], y, model.legs.foot_radius - tuning.hip_height, q[3 * leg : 3 * leg + 3])
         torque = tuning.kp * (tuning.nominal - q)[3 * leg : 3 * leg + 3]
         told = foot_motion(model.legs, leg, q[3 * leg : 3 * leg + 3], np.zeros(3), np.zeros(3), UP, torque, np.empty(3))
