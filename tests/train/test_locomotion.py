@@ -267,8 +267,9 @@ def test_the_divergence_is_that_of_the_policy_not_of_its_two_sides():
         seed=0,
     )
     with torch.no_grad():
-        for layer in learner.network.layers[::2]:
-            layer.weight.normal_(generator=torch.Generator().manual_seed(1))
+        for weight in learner.network.parameters():
+            if weight.ndim == 2:
+                weight.normal_(generator=torch.Generator().manual_seed(1))
     assert learner.iterate(0.9)["divergence"] == pytest.approx(0.0, abs=1e-6)
 
 
