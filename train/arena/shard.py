@@ -60,6 +60,10 @@ class Shard:
         n: Number of rows.
         outputs: Where this shard's rows of the outputs are, views.
         once: Whether a row that has ended stays ended.
+
+    Attributes:
+        ranges: (n, beams) of the last scans, as the robots have them [m].
+        motion: (n, 3) displacement in the last decision by odometry, in the base frame of before [m, m, rad].
     """
 
     def __init__(
@@ -88,10 +92,10 @@ class Shard:
         self._poses = np.zeros((n, ticks, 3))
         self._part_poses = np.zeros((n, ticks, parts, 4))
         self._twist, self._measured = np.zeros((n, 3)), np.zeros((n, 3))
-        self._motion, self._goals = np.zeros((n, 3)), np.zeros((n, 2))
+        self.motion, self._goals = np.zeros((n, 3)), np.zeros((n, 2))
         self._hit = np.zeros(n, np.int64)
         self._moved = np.empty((bodies.footprints.shape[1], 2))
-        self._ranges = np.zeros((n, beams))
+        self.ranges = np.zeros((n, beams))
         self._heights, self._radii = np.zeros(n), np.zeros(n)
         self._lidar_heights = np.zeros(n)
         self._footprints = np.zeros((n, *bodies.footprints.shape[1:]))
@@ -168,7 +172,7 @@ class Shard:
         drive(
             rows, TICK, wanted, state.body, self._wheel_arm, WHEEL_SPEED, state.stream, state.drawn, state.pose,
             state.velocity, state.response, state.latency, state.commands, state.ticks, state.odometry, self._poses,
-            self._twist, self._motion, self.outputs.way,
+            self._twist, self.motion, self.outputs.way,
         )  # fmt: skip
 
     def move(self, rows: np.ndarray, ticks: int) -> None:
@@ -207,24 +211,24 @@ class Shard:
         self._radii[rows], self._lidar_heights[rows], self._heights[rows] = bodies.shape[body, :3].T
         self._observer.take_bodies(rows, self._atlas, body)
         self._observer.reset(rows)
-        self._twist[rows], self._motion[rows] = 0.0, 0.0
+        self._twist[rows], self.motion[rows] = 0.0, 0.0
 
     def _look(self, rows: np.ndarray) -> None:
         """Scans of these rows, the truth about them, and what the stack is given."""
         state, bank, out = self.rows, self.bank, self.outputs
         cast_level(
             rows, state.pose, self._lidar_heights, bank.static, state.layout, bank.first, state.parts,
-            self._part_poses[:, -1], state.num_parts, self._beams, self._reach, self._ranges,
+            self._part_poses[:, -1], state.num_parts, self._beams, self._reach, self.ranges,
         )  # fmt: skip
         sense(
             rows, self._period, self._table, self._sense_flaws, self._twist_scale, state.body, state.pose, state.task,
             self._twist, state.stream, state.drawn, self._observer.outline, state.pose_error, self._lidar.min_range,
-            self._lidar.max_range, self._ranges, out.clearance, out.nearest, self._goals, self._measured,
+            self._lidar.max_range, self.ranges, out.clearance, out.nearest, self._goals, self._measured,
         )  # fmt: skip
 
     def _observe(self, first_of: np.ndarray | None) -> None:
         self._observer.observe(
-            self._ranges, self._goals, self._measured, self._motion, self.outputs.observation, first_of
+            self.ranges, self._goals, self._measured, self.motion, self.outputs.observation, first_of
         )
 
 

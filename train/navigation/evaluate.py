@@ -20,6 +20,7 @@ from tqdm import tqdm
 from eval.statistics import Z_95, wilson_interval
 from train.arena.config import KINDS, ArenaConfig
 from train.arena.evaluation import EpisodeRecords, Evaluation
+from train.arena.shielding import ArenaShield
 from train.navigation.networks import FusedActor
 from train.navigation.weights import actor_of
 from vuca_nav.errors import BadArgument, VucaError
@@ -41,6 +42,8 @@ class EvaluateArguments:
     """Of worlds."""
     knock_outs: bool = False
     """Also with the gate overruled: uniform, its own average in each kind of world, and without each expert."""
+    shield: bool = False
+    """Also under the robot's shield."""
     decision_rate: int | None = None
     """[Hz]; by default what each policy was trained at."""
     speeds: tuple[float, float] | None = None
@@ -67,7 +70,12 @@ class Played(NamedTuple):
 
 
 def play(
-    actor: FusedActor, evaluation: Evaluation, overrule: NDArray[np.float32] | None = None, title: str = ""
+    actor: FusedActor,
+    evaluation: Evaluation,
+    overrule: NDArray[np.float32] | None = None,
+    title: str = "",
+    *,
+    shielded: bool = False,
 ) -> Played:
     """All episodes, with the policy's mean actions.
 
@@ -77,7 +85,9 @@ def play(
         overrule: (experts,) shares to be used whatever the gate says, or a mask (experts,) of zeros and negative
             infinities to be added to the logarithms of the gate's shares: see ``knock_outs``.
         title: For the progress bar.
+        shielded: Under the robot's shield.
     """
+    shield = ArenaShield(evaluation.arena) if shielded else None
     total, entropy, count = torch.zeros(len(actor.layers[0].bias)), 0.0, 0
     with tqdm(total=evaluation.arena.n, unit="episode", desc=title, leave=False) as bar, torch.no_grad():
         while (active := evaluation.active).any():
@@ -90,6 +100,8 @@ def play(
             count += len(shares)
             action = np.zeros((len(active), 3), np.float32)
             action[active] = actor.mean(observation, shares).numpy()
+            if shield is not None:
+                shield.guard(np.flatnonzero(active), action)
             evaluation.step(action)
             bar.update(int((~evaluation.active).sum()) - bar.n)
     mean = total / count
@@ -161,6 +173,8 @@ def evaluate(arguments: EvaluateArguments) -> dict:
         BadArgument: If there is nothing to be compared, or two policies have the same name.
         BadWeights: If a file is missing or broken.
     """
+    if arguments.shield and arguments.threads > 1:
+        raise BadArgument("--shield goes with --threads 1")
     if not arguments.files or arguments.episodes < 1:
         raise BadArgument("give one or more weights files, and --episodes of 1 or more")
     weights = {path.stem: load_weights(path) for path in arguments.files}
@@ -179,6 +193,11 @@ def evaluate(arguments: EvaluateArguments) -> dict:
             else:
                 row["against_first"] = paired_difference(first.records.success, learned.records.success)
             results[name].setdefault("learned", {})[kind] = row
+            if arguments.shield:
+                other = play(actor, _episodes(source, kind, arguments), None, f"{kind}: {name} shielded", shielded=True)
+                row = summary(other)
+                row["against_learned"] = paired_difference(learned.records.success, other.records.success)
+                results[name].setdefault("shielded", {})[kind] = row
             if not arguments.knock_outs or source.experts == 1:
                 continue
             for variant, overrule in knock_outs(source.experts, learned.gate.mean).items():
@@ -229,7 +248,8 @@ def markdown(results: dict, arguments: EvaluateArguments) -> str:
                 )
         lines.append("")
     lines.append(
-        "Differences are paired: with the first policy, of a gate that is overruled with the same policy's own."
+        "Differences are paired: with the first policy, of a gate that is overruled or commands that are shielded "
+        "with the same policy without."
     )
     return "\n".join([*lines, ""])
 

@@ -1,17 +1,20 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 
-from train.arena.config import ArenaConfig
+from train.arena.config import ArenaConfig, Imperfections
 from train.arena.evaluation import Evaluation
+from train.arena.shielding import action_from_command
 from train.navigation.evaluate import EvaluateArguments, evaluate, knock_outs, main, paired_difference, play
 from train.navigation.networks import FusedActor, NetworkConfig, make_critic
 from train.navigation.weights import actor_of, export
 from vuca_nav.errors import BadArgument, BadWeights
-from vuca_nav.policy.observation import ObservationConfig
+from vuca_nav.policy.observation import ObservationConfig, command_from_action
 from vuca_nav.policy.weights_file import load_weights
+from vuca_nav.types import VelocityCommand
 
 WORLD = ArenaConfig(layouts=2, pairs=4, num_bodies=2).of("static")
 SEEN = ObservationConfig(sectors=12)
@@ -84,3 +87,21 @@ def test_what_cannot_be_evaluated(tmp_path):
         evaluate(EvaluateArguments(()))
     with pytest.raises(BadWeights, match=r"no\.safetensors"):
         evaluate(EvaluateArguments((tmp_path / "no.safetensors",)))
+
+
+@pytest.mark.parametrize("backward", [0.0, -0.6])
+def test_an_action_becomes_the_same_command_again(backward):
+    limits = np.array([1.2, backward, 0.4, 1.1])
+    for command in ((0.7, -0.3, 0.5), (backward / 2.0, 0.4, -1.1), (0.0, 0.0, 0.0)):
+        action = np.array(action_from_command(VelocityCommand(*command), limits))
+        assert command_from_action(action, limits) == pytest.approx(command)
+
+
+def test_the_shield_spares_a_blind_policy_most_collisions(tmp_path):
+    """A policy of random weights in still worlds, on bodies that do exactly what they are told."""
+    world = replace(WORLD, imperfections=Imperfections.none(), tiago=1.0, go2=0.0, random=0.0)
+    actor = actor_of(load_weights(write(tmp_path / "a.safetensors", 1)))
+    alone = play(actor, Evaluation(world, SEEN, 24, 0)).records
+    guarded = play(actor, Evaluation(world, SEEN, 24, 0), shielded=True).records
+    assert alone.collision.sum() >= 12
+    assert guarded.collision.sum() <= 1
