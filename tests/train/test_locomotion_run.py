@@ -50,7 +50,7 @@ def test_training_writes_weights_that_a_mission_loads(tmp_path):
     policy(observation, action)
     learner = training.learner
     with torch.no_grad():
-        expected = learner.network.layers(learner.see(torch.tensor(observation, dtype=torch.float32)))
+        expected = learner.averaged.layers(learner.see(torch.tensor(observation, dtype=torch.float32)))
     assert action == pytest.approx(expected.numpy(), abs=1e-4)
     rows = rows_of(tmp_path)
     assert [row["steps"] for row in rows] == [32, 64, 96, 128, 160, 192]

@@ -35,7 +35,7 @@ class EnvironmentConfig:
     """[s]"""
     command_range: tuple[float, float, float, float, float, float] = (-0.7, 1.35, -0.5, 0.5, -1.4, 1.4)
     """Lowest and highest v_x, v_y [m/s] and w_z [rad/s]: beyond what is commanded by what the trim may add."""
-    push_speed: float = 0.9
+    push_speed: float = 1.2
     """Largest sudden change of velocity [m/s]."""
     push_interval: float = 3.0
     """Mean time between pushes [s]."""

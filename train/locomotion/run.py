@@ -199,7 +199,7 @@ class Training:
             "control_steps": str(self.learner.iteration * self.config.steps_per_iteration),
             "threads": str(self._threads), "mujoco": mujoco.__version__, "torch": str(torch.__version__),
         }  # fmt: skip
-        export(self.out / self.robot.weights, self.robot, self.learner.network, self.learner.see, notes)
+        export(self.out / self.robot.weights, self.robot, self.learner.averaged, self.learner.see, notes)
 
     def _save_checkpoint(self) -> None:
         temporary = self.out / f"{CHECKPOINT}.tmp"
