@@ -158,13 +158,24 @@ def test_the_critic_sees_points_from_where_the_robot_is(weights):
     policy.command(seen(0))
     values = critic.values(points, pose)
     assert policy.observation is not None
-    right = policy.network.values(policy.observation, goal_features(transform_points(inverse(pose), points)))
+    goals = goal_features(transform_points(inverse(pose), points))
+    empty = policy.observation.copy()
+    config = weights.observation
+    empty[: config.goal_slice.start] = np.repeat([1.0, 0.0], [config.sectors, config.goal_slice.start - config.sectors])
+    right = policy.network.values(policy.observation, goals) - policy.network.values(empty, goals)
     assert np.array_equal(values, right)
     assert len(set(values)) == 3
     # Where the waypoint is does not matter.
     policy.reset()
     policy.command(seen(0, waypoint=(-3.0, 0.5)))
     assert np.array_equal(critic.values(points, pose), values)
+
+
+def test_on_an_empty_floor_no_point_is_safer_than_another(weights):
+    policy = LearnedPolicy(BODY, LIDAR, weights)
+    policy.command(seen(0, ranges=np.full(LIDAR.num_beams, np.inf)))
+    points = np.array([[0.5, 0.0], [4.0, 1.0], [-9.0, 20.0]])
+    assert (PolicyCritic(policy).values(points, Pose2(0.0, 0.0, 0.0)) == 0.0).all()
 
 
 class Recorder(LocalPolicy):

@@ -119,6 +119,20 @@ def test_it_makes_way_for_what_would_be_met():
     assert alone[2] < 0.28 < guarded[2]
 
 
+def meeting(time: float) -> np.ndarray:
+    """A corridor 3 m wide, and somebody who comes along its middle."""
+    x = 9.0 - 0.6 * time
+    return np.vstack([room(30.0, 3.0), [[x - 0.2, 1.3, x + 0.2, 1.7]]])
+
+
+def test_it_passes_who_comes_along_a_corridor():
+    body, start = disc_body(), Pose2(1.0, 1.5, 0.0)
+    alone = drive(Stubborn(AHEAD), body, meeting, start, 12.0)
+    guarded = drive(Shield(body, LIDAR, Stubborn(AHEAD)), body, meeting, start, 12.0)
+    assert alone[2] < 0.28 < guarded[2]
+    assert guarded[0][-1, 0] > 9.0 - 0.6 * 12.0 + 0.5  # it is past
+
+
 def test_a_scan_without_any_return_is_no_obstacle():
     shield = Shield(disc_body(), LIDAR, Stubborn(AHEAD))
     shield.reset()

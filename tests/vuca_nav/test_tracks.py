@@ -91,6 +91,39 @@ def test_a_disc_is_found_where_it_is_and_as_fast_as_it_goes(rate, beams, seed):
     assert radii[nearest] == pytest.approx(0.3, abs=0.1)
 
 
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("away", [1.2, 2.5])
+def test_two_legs_are_followed_as_one(away, seed):
+    """Of somebody who walks past at 1 m/s, 0.7 m a step; one leg hides the other in the middle of each."""
+
+    def scene(t):
+        x, swing = -0.8 + 1.0 * t, 0.17 * math.sin(2.0 * math.pi * t / 1.4)
+        return [(2.0 + x + swing, 3.0 + away + 0.1, 0.08), (2.0 + x - swing, 3.0 + away - 0.1, 0.08)]
+
+    observer = Observer(TRACKED, [BODY], 180, 10.0)
+    _, seen = drive(observer, scene, 1.6, motion=(0.0, 0.0, 0.0), rng=np.random.default_rng(seed))
+    positions, velocities, radii = things(rest_of(seen)[1])
+    true = transform_points(inverse(Pose2(2.0, 3.0, 0.2)), np.array([[2.8, 3.0 + away]]))[0]
+    near = np.hypot(*(positions - true).T) < 0.5
+    assert near.sum() == 1
+    assert np.hypot(*(positions[near][0] - true)) < 0.15
+    assert np.hypot(*(velocities[near][0] - rotated((1.0, 0.0), -0.2))) < 0.3
+    assert radii[near][0] > 0.15
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_turn_is_believed_within_three_scans(seed):
+    def scene(t):
+        return [(3.0 + min(t, 1.0), 4.5 - max(t - 1.0, 0.0), 0.25)]
+
+    observer = Observer(TRACKED, [BODY], 180, 10.0)
+    _, seen = drive(observer, scene, 1.3, motion=(0.0, 0.0, 0.0), rng=np.random.default_rng(seed))
+    positions, velocities, _ = things(rest_of(seen)[1])
+    true = transform_points(inverse(Pose2(2.0, 3.0, 0.2)), np.array([[4.0, 4.2]]))[0]
+    nearest = np.argmin(np.hypot(*(positions - true).T))
+    assert np.hypot(*(velocities[nearest] - rotated((0.0, -1.0), -0.2))) < 0.35
+
+
 def test_posts_stand_however_the_robot_drives():
     posts = [(4.0, 4.4, 0.2), (3.2, 2.0, 0.15), (5.5, 3.0, 0.25)]
     pose, seen = drive(Observer(TRACKED, [BODY], 180, 10.0), lambda t: posts, 1.5, rng=np.random.default_rng(1))

@@ -110,7 +110,10 @@ class LearnedPolicy(LocalPolicy):
 
 
 class PolicyCritic(SafetyCritic):
-    """V^h: the critic's value of what the robot sees now, were the point its goal (Section III-C).
+    """V^h: the critic's value of what the robot sees now, were the point its goal (Section III-C) ...
+
+    ... less its value on an empty floor: the fusion rewards pay for every metre towards the goal, so that the value
+    alone grows with the goal's distance, which D^h is there for. The difference is what the surroundings cost.
 
     Args:
         policy: Whose critic, and whose eyes.
@@ -118,6 +121,7 @@ class PolicyCritic(SafetyCritic):
 
     def __init__(self, policy: LearnedPolicy):
         self.policy = policy
+        self._config = policy.network.weights.observation
 
     def values(self, points_in_map: FloatArray, map_from_base: Pose2) -> FloatArray:
         """Higher is safer, (n,) for points (n, 2) [m]; all alike while there is nothing to go by."""
@@ -125,4 +129,5 @@ class PolicyCritic(SafetyCritic):
         if observation is None:
             return np.zeros(len(points_in_map))
         points_in_base = transform_points(inverse(map_from_base), points_in_map)
-        return self.policy.network.values(observation, goal_features(points_in_base))
+        goals, network = goal_features(points_in_base), self.policy.network
+        return network.values(observation, goals) - network.values(self._config.cleared(observation), goals)

@@ -12,11 +12,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from vuca_nav.policy.segments import BEHIND, FOUND_COLUMNS, LEG_RADIUS, WHOLE, find_things
 from vuca_nav.types import FloatArray
 
-MAX_WIDTH = 1.2
-"""Of a thing: the widest mover is 0.9 m, and a wall's piece is wider [m]."""
 MAX_TRACKS = 16
+TRAINING_BEAMS = 180
 DIRECTIONS = 24
 """Of motion that are judged, 15 degrees apart and mirror images of each other: k and 23 - k."""
 SPEEDS = (1.0, 0.5)
@@ -30,21 +30,22 @@ SLOT_SIZE = 6
 POSITION_SCALE, VELOCITY_SCALE, RADIUS_SCALE = 4.0, 2.0, 0.5
 """[m], [m/s], [m]"""
 
-_X, _Y, _V_X, _V_Y, _RADIUS, _HITS, _MISSED = range(7)
-_COLUMNS = 7
-_BEAMS = 180
-"""A scan of more is thinned to so many, as in training."""
-_JUMP, _JUMP_SLOPE = 0.15, 0.06
-"""Ranges of neighbouring beams on one surface differ by at most this, and this share of the range [m]."""
+_X, _Y, _V_X, _V_Y, _RADIUS, _HITS, _MISSED, _STEADY, _ERROR_X, _ERROR_Y = range(10)
+_COLUMNS = 10
 _GATE = 0.4
 """A thing is found again so near to where it was expected: 0.1 s at 3 m/s, and its centre's error [m]."""
-_ALPHA = np.array([1.0, 1.0, 0.85, 0.7, 0.6])
-_BETA = np.array([0.0, 0.8, 0.5, 0.35, 0.25])
-"""Gains of position and velocity by the number of times that a thing has been seen; the last stays."""
+_ALPHA = np.array([1.0, 1.0, 0.85, 0.7, 0.6, 0.5, 0.45])
+_BETA = np.array([0.0, 0.8, 0.5, 0.35, 0.25, 0.18, 0.14])
+"""Gains of position and velocity by the number of times that a thing was where it was expected; the last stays."""
+_SURPRISE, _SURPRISE_SLOPE = 0.25, 0.02
+"""Farther, and by this share of the range, from where it was expected, both of its last two errors added up, a thing
+has turned: it is learnt anew [m]."""
+_PAIR, _IN_PART = 0.18, 0.3
+"""Where something of a larger radius was only a leg is seen, or what is half hidden: so much of the usual gains."""
+_PART_GATE = 0.25
+"""For these instead of ``_GATE`` [m]."""
 _PATIENCE = 5
 """Updates that a thing is remembered unseen."""
-_DEPTH = 0.7
-"""How far behind what is seen of a thing its centre is, in half widths: 0.79 for a cylinder."""
 _MARGIN = 0.05
 """Room that counts as a meeting [m]."""
 _FASTEST = 3.0
@@ -59,20 +60,22 @@ class Tracker:
         num_beams: Of the scans; beam i points at ``-pi + i * 2 pi / num_beams``.
         period: Between two calls [s].
         spacing: Between two scans that are looked at [s], a multiple of the period.
+        most_beams: A scan of more is thinned to so many; by default to as many as in training.
 
     Attributes:
-        tracks: (n, MAX_TRACKS, 7) position, velocity, radius, times seen, updates unseen; in the frame of odometry
-            that begins where a row began anew [m, m/s, m]. What was never seen is no track.
+        tracks: (n, MAX_TRACKS, 10) position, velocity, radius, times seen, updates unseen, times seen since it
+            turned, last error of position; in the frame of odometry that begins where a row began anew [m, m/s, m].
+            What was never seen is no track.
     """
 
-    def __init__(self, n: int, num_beams: int, period: float, spacing: float):
-        self._step = max(num_beams // _BEAMS, 1)
+    def __init__(self, n: int, num_beams: int, period: float, spacing: float, most_beams: int = TRAINING_BEAMS):
+        self._step = max(num_beams // most_beams, 1)
         angles = -np.pi + np.arange(0, num_beams, self._step) * (2.0 * np.pi / num_beams)
         self._beams = np.column_stack([np.cos(angles), np.sin(angles)])
         self._period, self._spacing = period, spacing
         self.tracks: FloatArray = np.zeros((n, MAX_TRACKS, _COLUMNS))
         self._odometry, self._since = np.zeros((n, 3)), np.zeros(n)
-        self._found, self._taken = np.zeros((2 * MAX_TRACKS, 3)), np.zeros(MAX_TRACKS, np.bool_)
+        self._found, self._taken = np.zeros((3 * MAX_TRACKS, FOUND_COLUMNS)), np.zeros(MAX_TRACKS, np.bool_)
         directions = -np.pi + (np.arange(DIRECTIONS) + 0.5) * (2.0 * np.pi / DIRECTIONS)
         self._directions = np.column_stack([np.cos(directions), np.sin(directions)])
         self._here = np.zeros((MAX_TRACKS, SLOT_SIZE))
@@ -138,61 +141,6 @@ class Tracker:
 
 
 @njit(cache=True, nogil=True)
-def _segments(ranges, step, beams, reach, found):
-    """Things in one scan: ``found[k]`` = x, y of the centre in base_link, radius. Returns how many there are."""
-    n = len(beams)
-    start = 0  # at a break, so that no thing is cut in two
-    while start < n:
-        here, before = ranges[start * step], ranges[(start - 1) % n * step]
-        if 0.0 < here < reach and not abs(here - before) <= _JUMP + _JUMP_SLOPE * min(here, before):
-            break
-        start += 1
-    if start == n:
-        return 0
-    count, b = 0, 0
-    while b < n and count < len(found):
-        first = (start + b) % n
-        if not 0.0 < ranges[first * step] < reach:
-            b += 1
-            continue
-        last, end = first, b
-        sum_x, sum_y, points = ranges[first * step] * beams[first, 0], ranges[first * step] * beams[first, 1], 1
-        for k in range(b + 1, n):
-            index = (start + k) % n
-            r, r_last = ranges[index * step], ranges[last * step]
-            if 0.0 < r < reach:
-                if abs(r - r_last) > _JUMP + _JUMP_SLOPE * min(r, r_last):
-                    break
-                sum_x += r * beams[index, 0]
-                sum_y += r * beams[index, 1]
-                points += 1
-                last, end = index, k
-            elif k - end > 1:  # one beam may have been lost
-                break
-        b = end + 1
-        r_first, r_last = ranges[first * step], ranges[last * step]
-        before, after = ranges[(first - 1) % n * step], ranges[(last + 1) % n * step]
-        if not 0.0 < before < reach:
-            before = ranges[(first - 2) % n * step]
-        if not 0.0 < after < reach:
-            after = ranges[(last + 2) % n * step]
-        # A piece of wall between two nearer things would seem to move as the body does: only what is in front counts.
-        if points < 2 or before < r_first or after < r_last:
-            continue
-        width = math.hypot(
-            r_first * beams[first, 0] - r_last * beams[last, 0], r_first * beams[first, 1] - r_last * beams[last, 1]
-        )
-        if width > MAX_WIDTH:
-            continue
-        x, y = sum_x / points, sum_y / points
-        away = math.sqrt(x * x + y * y)
-        deeper = 1.0 + _DEPTH * 0.5 * width / max(away, 1e-6)
-        found[count, 0], found[count, 1], found[count, 2] = x * deeper, y * deeper, max(0.5 * width, 0.1)
-        count += 1
-    return count
-
-
-@njit(cache=True, nogil=True)
 def _update(
     rows, ranges, step, motions, reaches, fresh, beams, period, spacing, tracks, odometry, since, found, taken
 ):  # fmt: skip
@@ -211,56 +159,85 @@ def _update(
         if since[i] < spacing - 1e-6:
             continue
         dt, since[i] = since[i], 0.0
-        count = _segments(ranges[i], step, beams, reaches[i], found)
+        count = find_things(ranges[i], step, beams, reaches[i], found)
         _follow(tracks[i], found[:count], pose, dt, taken)
 
 
 @njit(cache=True, nogil=True)
 def _follow(things, found, pose, dt, taken):
-    """Match what was found to what is known, nearest first come; forget what has not been seen for long."""
+    """Match what was found to what is known, the nearest pair first; forget what has not been seen for long."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     for k in range(len(things)):
         things[k, _X] += things[k, _V_X] * dt
         things[k, _Y] += things[k, _V_Y] * dt
         taken[k] = things[k, _HITS] == 0.0
     for f in range(len(found)):
-        x = pose[0] + c * found[f, 0] - s * found[f, 1]
-        y = pose[1] + s * found[f, 0] + c * found[f, 1]
-        best, nearest = -1, _GATE
-        for k in range(len(things)):
-            if not taken[k]:
-                away = math.hypot(things[k, _X] - x, things[k, _Y] - y)
-                if away < nearest:
-                    best, nearest = k, away
-        if best >= 0:
-            thing = things[best]
-            taken[best] = True
-            seen = min(int(thing[_HITS]), len(_ALPHA) - 1)
-            error_x, error_y = x - thing[_X], y - thing[_Y]
-            thing[_X] += _ALPHA[seen] * error_x
-            thing[_Y] += _ALPHA[seen] * error_y
-            thing[_V_X] += _BETA[seen] / dt * error_x
-            thing[_V_Y] += _BETA[seen] / dt * error_y
-            speed = math.hypot(thing[_V_X], thing[_V_Y])
-            if speed > _FASTEST:
-                thing[_V_X] *= _FASTEST / speed
-                thing[_V_Y] *= _FASTEST / speed
-            thing[_RADIUS] += 0.3 * (found[f, 2] - thing[_RADIUS])
-            thing[_HITS] += 1.0
-            thing[_MISSED] = -1.0  # counted up below
-            continue
-        for k in range(len(things)):
-            if things[k, _HITS] == 0.0:
-                things[k] = 0.0
-                things[k, _X], things[k, _Y], things[k, _RADIUS] = x, y, found[f, 2]
-                things[k, _HITS], things[k, _MISSED] = 1.0, -1.0
-                taken[k] = True
+        x, y = found[f, 0], found[f, 1]
+        found[f, 0], found[f, 1] = pose[0] + c * x - s * y, pose[1] + s * x + c * y
+        found[f, 4] = math.sqrt(x * x + y * y)
+    left = len(found)
+    while left > 0:
+        best, best_f, nearest = -1, -1, _GATE
+        for f in range(left):
+            gate = nearest if found[f, 3] == WHOLE else min(nearest, _PART_GATE)
+            for k in range(len(things)):
+                dx, dy = things[k, _X] - found[f, 0], things[k, _Y] - found[f, 1]
+                if not taken[k] and dx * dx + dy * dy < gate * gate:
+                    best, best_f, nearest = k, f, math.sqrt(dx * dx + dy * dy)
+                    gate = nearest
+        if best < 0:
+            break
+        taken[best] = True
+        _learn(things[best], found[best_f], dt)
+        left -= 1
+        found[best_f] = found[left]
+    for k in range(len(things)):
+        if things[k, _HITS] == 0.0:  # room for something new, the nearest first
+            best_f, nearest = -1, math.inf
+            for f in range(left):
+                if found[f, 3] == WHOLE and found[f, 4] < nearest:
+                    best_f, nearest = f, found[f, 4]
+            if best_f < 0:
                 break
+            things[k] = 0.0
+            things[k, _X], things[k, _Y], things[k, _RADIUS] = found[best_f, :3]
+            things[k, _HITS], things[k, _STEADY], things[k, _MISSED] = 1.0, 1.0, -1.0
+            left -= 1
+            found[best_f] = found[left]
     for k in range(len(things)):
         if things[k, _HITS] > 0.0:
             things[k, _MISSED] += 1.0
             if things[k, _MISSED] > _PATIENCE:
                 things[k] = 0.0
+
+
+@njit(cache=True, nogil=True)
+def _learn(thing, found, dt):
+    """What is known of a thing after it was found again."""
+    error_x, error_y = found[0] - thing[_X], found[1] - thing[_Y]
+    share = 1.0
+    if found[3] == BEHIND or (found[2] <= LEG_RADIUS and thing[_RADIUS] > _PAIR):
+        share = _IN_PART
+    elif thing[_STEADY] > 1.0:
+        astray = math.hypot(error_x + thing[_ERROR_X], error_y + thing[_ERROR_Y])
+        if astray > _SURPRISE + _SURPRISE_SLOPE * found[4]:
+            thing[_STEADY] = 1.0
+    thing[_ERROR_X], thing[_ERROR_Y] = error_x, error_y
+    seen = min(int(thing[_STEADY]), len(_ALPHA) - 1)
+    alpha, beta = share * _ALPHA[seen], share * _BETA[seen] / dt
+    thing[_X] += alpha * error_x
+    thing[_Y] += alpha * error_y
+    thing[_V_X] += beta * error_x
+    thing[_V_Y] += beta * error_y
+    speed = math.hypot(thing[_V_X], thing[_V_Y])
+    if speed > _FASTEST:
+        thing[_V_X] *= _FASTEST / speed
+        thing[_V_Y] *= _FASTEST / speed
+    if found[3] == WHOLE:
+        thing[_RADIUS] += 0.3 * share * (found[2] - thing[_RADIUS])
+    thing[_HITS] += 1.0
+    thing[_STEADY] += 1.0
+    thing[_MISSED] = -1.0  # counted up by who calls
 
 
 @njit(cache=True, nogil=True)
