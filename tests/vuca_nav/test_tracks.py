@@ -142,6 +142,16 @@ def found(ranges):
     return tracker.tracks[0, tracker.tracks[0, :, 5] > 0.0, :2]
 
 
+def test_each_pair_of_legs_is_one_thing_among_others():
+    people = [(2.0, -1.5), (3.0, 1.5), (-2.0, 2.0), (-1.5, -2.5)]
+    legs = [(x + side * 0.02, y + side * 0.14, 0.08) for x, y in people for side in (-1.0, 1.0)]
+    posts = [(4.0, 0.1, 0.25), (0.3, 3.0, 0.3), (-4.0, -0.2, 0.3)]
+    centres = found(look(Pose2(0.0, 0.0, 0.0), legs + posts, NO_BOXES))
+    assert len(centres) == len(people) + len(posts)
+    for x, y in [*people, *(post[:2] for post in posts)]:
+        assert np.hypot(*(centres - (x, y)).T).min() < 0.2
+
+
 def test_a_wall_is_no_thing():
     assert len(found(look(Pose2(4.0, 3.0, 0.3), []))) == 0
     # The end of a long wall sticks out, and is wide.

@@ -15,6 +15,8 @@ LEG_RADIUS, _STEP = 0.13, 0.55
 WHOLE, ONE_BEAM, BEHIND = 0.0, 1.0, 2.0
 """How a thing is seen. By one beam, or behind another, it is taken for one that is known already, or for a leg."""
 FOUND_COLUMNS = 5
+"""x, y, radius, how it is seen; the last is for passing."""
+_PAIRED = -2
 
 
 @njit(cache=True, nogil=True)
@@ -103,15 +105,16 @@ def _pair_legs(found, count):
     left = 0
     for k in range(count):
         other = int(found[k, 4])
-        if other >= 0 and int(found[other, 4]) == k and min(found[k, 3], found[other, 3]) < BEHIND:
-            if other < k:
-                continue  # went into the other one
+        if other == _PAIRED:
+            continue
+        if other > k and int(found[other, 4]) == k and min(found[k, 3], found[other, 3]) < BEHIND:
             found[left, 2] = max(found[k, 2], found[other, 2]) + 0.5 * math.hypot(
                 found[k, 0] - found[other, 0], found[k, 1] - found[other, 1]
             )
             found[left, 0] = 0.5 * (found[k, 0] + found[other, 0])
             found[left, 1] = 0.5 * (found[k, 1] + found[other, 1])
             found[left, 3] = WHOLE
+            found[other, 4] = _PAIRED
         else:
             found[left] = found[k]
         left += 1
