@@ -7,6 +7,7 @@ import pytest
 from tests.vuca_nav.rooms import disc_body, ranges_to_boxes, room
 from vuca_nav.geometry import compose, inverse, transform_points
 from vuca_nav.policy.observation import BODY_SIZE, TWIST_SIZE, ObservationConfig, Observer
+from vuca_nav.policy.segments import WHOLE, _pair_legs
 from vuca_nav.policy.tracks import (
     _MARGIN,
     DIRECTIONS,
@@ -142,14 +143,16 @@ def found(ranges):
     return tracker.tracks[0, tracker.tracks[0, :, 5] > 0.0, :2]
 
 
-def test_each_pair_of_legs_is_one_thing_among_others():
-    people = [(2.0, -1.5), (3.0, 1.5), (-2.0, 2.0), (-1.5, -2.5)]
-    legs = [(x + side * 0.02, y + side * 0.14, 0.08) for x, y in people for side in (-1.0, 1.0)]
-    posts = [(4.0, 0.1, 0.25), (0.3, 3.0, 0.3), (-4.0, -0.2, 0.3)]
-    centres = found(look(Pose2(0.0, 0.0, 0.0), legs + posts, NO_BOXES))
-    assert len(centres) == len(people) + len(posts)
-    for x, y in [*people, *(post[:2] for post in posts)]:
-        assert np.hypot(*(centres - (x, y)).T).min() < 0.2
+@pytest.mark.parametrize("seed", range(20))
+def test_legs_are_paired_whatever_their_order(seed):
+    rng = np.random.default_rng(seed)
+    people, posts = 3.0 * np.arange(1, 5), 3.0 * np.arange(5, 9)
+    legs = [(x, side * 0.15, 0.1, WHOLE, 0.0) for x in people for side in (-1.0, 1.0)]
+    found = np.array(legs + [(x, 0.0, 0.3, WHOLE, 0.0) for x in posts])[rng.permutation(12)]
+    count = _pair_legs(found, 12)
+    assert np.array_equal(np.sort(found[:count, 0]), [*people, *posts])
+    assert found[:count, 1] == pytest.approx(0.0, abs=1e-12)
+    assert np.sort(found[:count, 2]) == pytest.approx([0.25] * 4 + [0.3] * 4)
 
 
 def test_a_wall_is_no_thing():
