@@ -64,6 +64,8 @@ class Shard:
     Attributes:
         ranges: (n, beams) of the last scans, as the robots have them [m].
         motion: (n, 3) displacement in the last decision by odometry, in the base frame of before [m, m, rad].
+        goals: (n, 2) in base_link, as SLAM has them [m].
+        measured: (n, 3) velocity [m/s, m/s, rad/s].
     """
 
     def __init__(
@@ -91,8 +93,8 @@ class Shard:
         ticks, parts = self._num_ticks, self.rows.parts.shape[1]
         self._poses = np.zeros((n, ticks, 3))
         self._part_poses = np.zeros((n, ticks, parts, 4))
-        self._twist, self._measured = np.zeros((n, 3)), np.zeros((n, 3))
-        self.motion, self._goals = np.zeros((n, 3)), np.zeros((n, 2))
+        self._twist, self.measured = np.zeros((n, 3)), np.zeros((n, 3))
+        self.motion, self.goals = np.zeros((n, 3)), np.zeros((n, 2))
         self._hit = np.zeros(n, np.int64)
         self._moved = np.empty((bodies.footprints.shape[1], 2))
         self.ranges = np.zeros((n, beams))
@@ -223,13 +225,11 @@ class Shard:
         sense(
             rows, self._period, self._table, self._sense_flaws, self._twist_scale, state.body, state.pose, state.task,
             self._twist, state.stream, state.drawn, self._observer.outline, state.pose_error, self._lidar.min_range,
-            self._lidar.max_range, self.ranges, out.clearance, out.nearest, self._goals, self._measured,
+            self._lidar.max_range, self.ranges, out.clearance, out.nearest, self.goals, self.measured,
         )  # fmt: skip
 
     def _observe(self, first_of: np.ndarray | None) -> None:
-        self._observer.observe(
-            self.ranges, self._goals, self._measured, self.motion, self.outputs.observation, first_of
-        )
+        self._observer.observe(self.ranges, self.goals, self.measured, self.motion, self.outputs.observation, first_of)
 
 
 def _noise_table(config: ArenaConfig) -> FloatArray:

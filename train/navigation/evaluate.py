@@ -20,10 +20,13 @@ from tqdm import tqdm
 from eval.statistics import Z_95, wilson_interval
 from train.arena.config import KINDS, ArenaConfig
 from train.arena.evaluation import EpisodeRecords, Evaluation
+from train.arena.local_policies import ArenaPolicies
 from train.arena.shielding import ArenaShield
 from train.navigation.networks import FusedActor
 from train.navigation.weights import actor_of
 from vuca_nav.errors import BadArgument, VucaError
+from vuca_nav.policy.dwa import DynamicWindow
+from vuca_nav.policy.observation import ObservationConfig
 from vuca_nav.policy.weights_file import PolicyWeights, load_weights
 
 
@@ -44,11 +47,17 @@ class EvaluateArguments:
     """Also with the gate overruled: uniform, its own average in each kind of world, and without each expert."""
     shield: bool = False
     """Also under the robot's shield."""
+    dynamic_window: bool = False
+    """Also the dynamic window, at the stack's rate."""
     decision_rate: int | None = None
     """[Hz]; by default what each policy was trained at."""
     speeds: tuple[float, float] | None = None
     """Of the movers, over the body's greatest; by default as in training."""
     threads: int = 1
+
+
+STACK_RATE = 30
+"""Of decisions on a robot [Hz]."""
 
 
 class GateUse(NamedTuple):
@@ -109,6 +118,18 @@ def play(
     return Played(evaluation.records(), GateUse(mean.tolist(), entropy / count, of_mean - entropy / count))
 
 
+def play_dynamic_window(evaluation: Evaluation, title: str) -> EpisodeRecords:
+    """All episodes, driven by the dynamic window."""
+    windows = ArenaPolicies(evaluation.arena, DynamicWindow)
+    with tqdm(total=evaluation.arena.n, unit="episode", desc=title, leave=False) as bar:
+        while (active := evaluation.active).any():
+            action = np.zeros((len(active), 3), np.float32)
+            windows.decide(np.flatnonzero(active), action)
+            evaluation.step(action)
+            bar.update(int((~evaluation.active).sum()) - bar.n)
+    return evaluation.records()
+
+
 def _overruled(shares: torch.Tensor, overrule: torch.Tensor) -> torch.Tensor:
     if torch.isinf(overrule).any():
         kept = shares * (overrule == 0.0)
@@ -148,9 +169,8 @@ def paired_difference(first: NDArray[np.bool_], second: NDArray[np.bool_]) -> tu
     return float(second.mean()) - float(first.mean()), middle - half, middle + half
 
 
-def summary(played: Played) -> dict:
+def summary(records: EpisodeRecords, gate: GateUse | None = None) -> dict:
     """A row of the table."""
-    records = played.records
     n, successes = len(records.success), int(records.success.sum())
     return {
         "episodes": n, "success": successes / n, "success_interval": wilson_interval(successes, n),
@@ -158,7 +178,8 @@ def summary(played: Played) -> dict:
         "collision_interval": wilson_interval(int(records.collision.sum()), n),
         "timeout": float(records.timeout.mean()),
         "time_of_successes": float(records.time[records.success].mean()) if successes else None,
-        "arsps": float(records.arsps.mean()), "ansps": float(records.ansps.mean()), "gate": played.gate._asdict(),
+        "arsps": float(records.arsps.mean()), "ansps": float(records.ansps.mean()),
+        "gate": None if gate is None else gate._asdict(),
     }  # fmt: skip
 
 
@@ -173,8 +194,8 @@ def evaluate(arguments: EvaluateArguments) -> dict:
         BadArgument: If there is nothing to be compared, or two policies have the same name.
         BadWeights: If a file is missing or broken.
     """
-    if arguments.shield and arguments.threads > 1:
-        raise BadArgument("--shield goes with --threads 1")
+    if (arguments.shield or arguments.dynamic_window) and arguments.threads > 1:
+        raise BadArgument("--shield and --dynamic-window go with --threads 1")
     if not arguments.files or arguments.episodes < 1:
         raise BadArgument("give one or more weights files, and --episodes of 1 or more")
     weights = {path.stem: load_weights(path) for path in arguments.files}
@@ -187,7 +208,7 @@ def evaluate(arguments: EvaluateArguments) -> dict:
         for name, source in weights.items():
             actor = actor_of(source)
             learned = play(actor, _episodes(source, kind, arguments), None, f"{kind}: {name}")
-            row = summary(learned)
+            row = summary(*learned)
             if first is None:
                 first = learned
             else:
@@ -195,16 +216,24 @@ def evaluate(arguments: EvaluateArguments) -> dict:
             results[name].setdefault("learned", {})[kind] = row
             if arguments.shield:
                 other = play(actor, _episodes(source, kind, arguments), None, f"{kind}: {name} shielded", shielded=True)
-                row = summary(other)
+                row = summary(*other)
                 row["against_learned"] = paired_difference(learned.records.success, other.records.success)
                 results[name].setdefault("shielded", {})[kind] = row
             if not arguments.knock_outs or source.experts == 1:
                 continue
             for variant, overrule in knock_outs(source.experts, learned.gate.mean).items():
                 other = play(actor, _episodes(source, kind, arguments), overrule, f"{kind}: {name} {variant}")
-                row = summary(other)
+                row = summary(*other)
                 row["against_learned"] = paired_difference(learned.records.success, other.records.success)
                 results[name].setdefault(variant, {})[kind] = row
+        if arguments.dynamic_window:
+            records = play_dynamic_window(
+                _arena(kind, STACK_RATE, arguments, ObservationConfig()), f"{kind}: dynamic window"
+            )
+            row = summary(records)
+            if first is not None:
+                row["against_first"] = paired_difference(first.records.success, records.success)
+            results.setdefault("dynamic window", {}).setdefault("learned", {})[kind] = row
     return results
 
 
@@ -213,10 +242,14 @@ def _episodes(source: PolicyWeights, kind: str, arguments: EvaluateArguments) ->
         rate = arguments.decision_rate or round(float(source.metadata["decision_rate"]))
     except (KeyError, ValueError) as error:
         raise BadArgument(f"{source.path} names no decision_rate [Hz]; give --decision-rate") from error
-    config = replace(ArenaConfig(decision_rate=rate).of(kind))
+    return _arena(kind, rate, arguments, source.observation)
+
+
+def _arena(kind: str, rate: int, arguments: EvaluateArguments, observation: ObservationConfig) -> Evaluation:
+    config = ArenaConfig(decision_rate=rate).of(kind)
     if arguments.speeds is not None:
         config = replace(config, mover_speeds=arguments.speeds)
-    return Evaluation(config, source.observation, arguments.episodes, arguments.seed, arguments.threads)
+    return Evaluation(config, observation, arguments.episodes, arguments.seed, arguments.threads)
 
 
 def markdown(results: dict, arguments: EvaluateArguments) -> str:
@@ -238,13 +271,14 @@ def markdown(results: dict, arguments: EvaluateArguments) -> str:
                     "" if against is None else "{:+.1f} ({:+.1f} to {:+.1f})".format(*(100 * x for x in against))
                 )
                 gate = row["gate"]
+                shares = "" if gate is None else " ".join(f"{share:.2f}" for share in gate["mean"])
+                entropy = "" if gate is None else f"{gate['entropy']:.2f}, {gate['information']:.3f}"
                 time = "" if row["time_of_successes"] is None else f"{row['time_of_successes']:.1f}"
                 lines.append(
                     f"| {name if variant == 'learned' else f'{name}, {variant}'} "
                     f"| {100 * row['success']:.1f} ({100 * low:.1f}-{100 * high:.1f}) | {100 * row['collision']:.1f} "
                     f"| {100 * row['timeout']:.1f} | {time} | {row['arsps']:.3f} | {1000 * row['ansps']:.3f} "
-                    f"| {' '.join(f'{share:.2f}' for share in gate['mean'])} "
-                    f"| {gate['entropy']:.2f}, {gate['information']:.3f} | {difference} |"
+                    f"| {shares} | {entropy} | {difference} |"
                 )
         lines.append("")
     lines.append(
