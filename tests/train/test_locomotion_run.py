@@ -85,7 +85,7 @@ def test_an_interrupted_run_ends_with_the_weights_it_would_have_had(tmp_path, mo
     assert resumed.learner.iteration == interrupted
     resumed.run()
     expected, got = whole.learner.state(), resumed.learner.state()
-    for network in ("actor", "critic", "see", "see_all"):
+    for network in ("actor", "average", "critic", "see", "see_all"):
         for key, tensor in expected[network].items():
             assert torch.equal(tensor, got[network][key]), (network, key)
     for key, array in whole.learner.environment.state().items():

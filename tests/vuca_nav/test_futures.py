@@ -59,8 +59,15 @@ def test_they_do_not_go_through_walls():
 
 
 def test_the_same_scene_has_the_same_futures():
-    field = field_of(room(5.0, 4.0), Pose2(2.5, 2.0, 0.0))
-    assert draw(THING, field).tobytes() == draw(THING, field).tobytes()
+    field, futures = field_of(room(5.0, 4.0), Pose2(2.5, 2.0, 0.0)), Futures(16)
+    first = futures.draw(THING, field, RESOLUTION, REACH).copy()
+    futures.draw(np.tile(-THING, (5, 1)), field, RESOLUTION, REACH)  # another scene between
+    assert futures.draw(THING, field, RESOLUTION, REACH).tobytes() == first.tobytes()
+
+
+def test_who_never_turns_in_the_open_goes_straight_in_all_futures():
+    futures = draw(THING, field_of(np.zeros((0, 4))), replace(CONFIG, turn_rate=0.0))
+    assert (futures == futures[0]).all()
 
 
 def test_what_has_no_way_out_stands():

@@ -112,11 +112,51 @@ def test_no_policy_drives_it_into_what_stands(seed):
     assert least > 0.28
 
 
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_the_legs_of_tables_are_no_walkers(seed):
+    rng = np.random.default_rng(seed)
+    boxes, body = room(9.0, 9.0), disc_body()
+    for x, y in rng.uniform(0.8, 7.5, (6, 2)):
+        for leg_x, leg_y in ((x, y), (x + 0.5, y), (x, y + 0.5), (x + 0.5, y + 0.5)):
+            if math.hypot(leg_x - 4.5, leg_y - 4.5) > 0.8:
+                boxes = np.vstack([boxes, [[leg_x - 0.04, leg_y - 0.04, leg_x + 0.04, leg_y + 0.04]]])
+    wanted = VelocityCommand(0.8, 0.0, float(rng.uniform(-0.6, 0.6)))
+    _, _, least = drive(
+        Shield(body, LIDAR, Stubborn(wanted)), body, standing(boxes), Pose2(4.5, 4.5, float(rng.uniform(-3, 3))), 10.0,
+        rng,
+    )  # fmt: skip
+    assert least > 0.28
+
+
 def test_it_makes_way_for_what_would_be_met():
     body, start = disc_body(), Pose2(1.0, 5.0, 0.0)
     alone = drive(Stubborn(AHEAD), body, crossing, start, 7.0)
     guarded = drive(Shield(body, LIDAR, Stubborn(AHEAD)), body, crossing, start, 7.0)
     assert alone[2] < 0.28 < guarded[2]
+
+
+def test_a_long_late_body_makes_way_too():
+    outline = np.array([(0.37, 0.19), (-0.37, 0.19), (-0.37, -0.19), (0.37, -0.19)])
+    body = dataclasses.replace(disc_body(), footprint=outline, max_v_y=0.4, max_a_y=2.0, delay=0.1)
+    start = Pose2(1.0, 5.0, 0.0)
+    alone = drive(Stubborn(AHEAD), body, crossing, start, 7.0)
+    guarded = drive(Shield(body, LIDAR, Stubborn(AHEAD)), body, crossing, start, 7.0)
+    assert alone[2] < 0.2
+    assert guarded[2] > 0.42
+
+
+def test_a_broken_motion_is_forgotten():
+    body = disc_body()
+    shield = Shield(body, LIDAR, Stubborn(AHEAD))
+    shield.reset()
+    for k in range(60):
+        motion = Pose2(math.nan, 0.0, 0.0) if k == 10 else Pose2(0.0, 0.0, 0.0)
+        ranges = ranges_to_boxes(crossing(k * DT), Pose2(4.0, 2.6, 0.0))
+        shield.look(LocalObservation(Scan(k * DT, ranges), (5.0, 0.0), False, Twist2(0, 0, 0), motion))
+    count = shield._tracker.things(0, shield._things)
+    assert count == 1
+    assert shield._things[0, :2] == pytest.approx((2.0, 1.0 + 0.8 * 59 * DT - 2.6), abs=0.12)
 
 
 def meeting(time: float) -> np.ndarray:

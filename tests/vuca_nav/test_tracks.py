@@ -155,6 +155,23 @@ def test_legs_are_paired_whatever_their_order(seed):
     assert np.sort(found[:count, 2]) == pytest.approx([0.25] * 4 + [0.3] * 4)
 
 
+def test_people_are_counted_by_what_they_are():
+    people = [(2.0, -1.5), (3.0, 1.5), (-2.0, 2.0), (-1.5, -2.5)]
+    legs = [(x + side * 0.02, y + side * 0.14, 0.08) for x, y in people for side in (-1.0, 1.0)]
+    posts = [(4.0, 0.1, 0.25), (0.3, 3.0, 0.3), (-4.0, -0.2, 0.3)]
+    centres = found(look(Pose2(0.0, 0.0, 0.0), legs + posts, NO_BOXES))
+    assert len(centres) == len(people) + len(posts)
+    for x, y in [*people, *(post[:2] for post in posts)]:
+        assert np.hypot(*(centres - (x, y)).T).min() < 0.2
+
+
+def test_bars_behind_do_not_hide_who_stands_in_front():
+    ranges = look(Pose2(0.0, 0.0, 0.0), [(1.5, 0.0, 0.2)], NO_BOXES)
+    behind = np.abs(LidarSpec(num_beams=180).angles_in_base()) > 0.5 * np.pi
+    ranges[behind & (np.arange(180) % 2 == 0)] = 3.0
+    assert np.hypot(*(found(ranges) - (1.5, 0.0)).T).min() < 0.1
+
+
 def test_a_wall_is_no_thing():
     assert len(found(look(Pose2(4.0, 3.0, 0.3), []))) == 0
     # The end of a long wall sticks out, and is wide.
@@ -182,7 +199,7 @@ def test_one_lost_beam_does_not_cut_a_thing_in_two():
 
 def meaning(*tracks, speed=1.0):
     """Features of things x, y, v_x, v_y, radius that were seen often: meetings (speeds, directions), still, slots."""
-    known = np.zeros((1, 16, 7))
+    known = np.zeros_like(Tracker(1, 180, 0.1, 0.1).tracks)
     for k, track in enumerate(tracks):
         known[0, k, :5], known[0, k, 5] = track, 9.0
     angles = -np.pi + (np.arange(DIRECTIONS) + 0.5) * 2.0 * np.pi / DIRECTIONS

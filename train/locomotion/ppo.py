@@ -49,8 +49,8 @@ class PpoConfig:
     entropy: float = 0.001
     """Weight at first; falls to 0."""
     averaging: float = 0.98
-    """Of the exported weights, which are a running mean over the iterations: so much of it is kept at each. What one
-    iteration does to a robot that nearly falls, the next undoes; their mean falls less often than any of them."""
+    """Of the exported weights, which are a running mean over the iterations (Polyak and Juditsky 1992): so much of it
+    is kept at each."""
     normaliser_until: float = 0.8
     """Share of the training after which the normalisers are frozen: commands, sills and slopes are all there by then,
     and the rest is left to the policy to settle on what it sees."""

@@ -40,7 +40,7 @@ class Stage:
     """[Hz]"""
     num_sills: int
     roughness: float
-    """Reached at the stage's end, from the last stage's: 1 is sills of 4.5 cm and slopes of 11%."""
+    """Reached at the stage's end, from the last stage's: 1 is sills of 4.5 cm and slopes of 12%."""
 
 
 STAGES = (Stage(0.0, 120, 0, 0.0), Stage(0.25, 120, 6, 1.0))
@@ -49,7 +49,7 @@ trained at 120 Hz tracks as well there."""
 
 
 STEPS = 8_000_000
-"""Control steps of the full recipe: 13 to 17 minutes on one core. After twice as many it follows commands better and
+"""Control steps of the full recipe: 13 to 22 minutes on one core. After twice as many it follows commands better and
 falls far more often (docs/locomotion.md)."""
 
 

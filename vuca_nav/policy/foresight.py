@@ -7,8 +7,10 @@ from numba import njit
 
 from vuca_nav.policy.surroundings import smooth_room_around
 
-_HOPELESS = 0.2
-"""So much room missing costs no less than more of it [m]."""
+_HOPELESS = 0.1
+"""So much room missing costs no less than more of it [m]; a little costs half as much."""
+_MOST_NEAR = 6
+"""Things that are reckoned with at a time, the nearest."""
 _OWN_RETURNS = 0.15
 """So near to a moving thing's circle a return is its own [m]."""
 _TURN_GAIN = 4.0
@@ -71,7 +73,7 @@ def choose(
             margin, room_now, whole_room_now,
         )  # fmt: skip
         if lack > 0.0:
-            cost += risk_weight * min(0.5 + lack / _HOPELESS, 1.0)
+            cost += risk_weight * min(0.5 + 0.5 * lack / _HOPELESS, 1.0)
         if len(near) and cost < best_cost:
             cost += risk_weight * _risk(
                 field, resolution, reach, discs, futures, things, near, ways, trajectories, u, last, start, limits,
@@ -89,22 +91,18 @@ def _what_may_be_met(futures, things, start, discs, limits, dt, margin):
     size = 0.0
     for d in range(len(discs)):
         size = max(size, math.hypot(discs[d, 0], discs[d, 1]) + discs[d, 2])
-    near = np.empty(len(things), np.int64)
+    near, gaps = np.empty(len(things), np.int64), np.empty(len(things))
     count = 0
     for k in range(len(things)):
-        met = False
+        gap = np.inf
         for s in range(len(futures)):
             for step in range(futures.shape[2]):
                 apart = math.hypot(futures[s, k, step, 0] - start[0], futures[s, k, step, 1] - start[1])
-                if apart < limits[0] * (step + 1) * dt + size + things[k, 4] + margin:
-                    met = True
-                    break
-            if met:
-                break
-        if met:
-            near[count] = k
+                gap = min(gap, apart - limits[0] * (step + 1) * dt - size - things[k, 4] - margin)
+        if gap < 0.0:
+            near[count], gaps[count] = k, gap
             count += 1
-    return near[:count]
+    return near[:count][np.argsort(gaps[:count], kind="mergesort")][:_MOST_NEAR]
 
 
 @njit(cache=True)
@@ -124,8 +122,6 @@ def _risk(
         field, resolution, reach, discs, obeyed, u, begin, limits, accelerations, dt, margin, room_now,
         trajectories[0], 0, first,
     )  # fmt: skip
-    for m in range(1, len(ways)):
-        trajectories[m, :first] = trajectories[0, :first]
     known = np.zeros(len(ways), np.bool_)
     total, favourite = 0.0, 1
     for s in range(len(futures)):

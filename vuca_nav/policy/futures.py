@@ -20,7 +20,7 @@ class FuturesConfig:
     """How far, how many, how wayward."""
 
     scenarios: int = 12
-    """Futures of everything; in the first nothing turns without need."""
+    """Futures of everything; in the first nothing turns but before what stands."""
     horizon: float = 3.0
     """[s]"""
     time_step: float = 0.1
@@ -93,7 +93,7 @@ def _draw(things, field, resolution, reach, draws, turn_rate, free_run, nearest,
         for s in range(len(draws)):
             least = radius + nearest + (farthest - nearest) * draws[s, k, 1]
             x, y, v_x, v_y = things[k, 0], things[k, 1], things[k, 2], things[k, 3]
-            turns_at = -math.log(1.0 - draws[s, k, 0]) / turn_rate if s > 0 else math.inf
+            turns_at = -math.log(1.0 - draws[s, k, 0]) / turn_rate if s > 0 and turn_rate > 0.0 else math.inf
             here = _room(field, resolution, reach, x, y)
             turned, next_try = False, 0
             for step in range(out.shape[2]):

@@ -5,7 +5,7 @@ then does what is best in each of several futures of what moves (``futures``): h
 That it will know by then which future it is in is the optimism of "hindsight" planning (Chong, Givan and Chang 2000:
 "A framework for simulation-based network control via hindsight optimization"); that it must decide now, for all
 futures, what to do first keeps it away from where only some of them end well. Of all commands the one is taken that
-differs least from the policy's, a collision costing ``risk_weight`` times its share of the futures.
+costs least: for what it differs from the policy's, what room to brake it lacks, and the mean harm of the futures.
 """
 
 import math
@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from vuca_nav.errors import BadArgument
 from vuca_nav.policy.base import LocalObservation, LocalPolicy
 from vuca_nav.policy.foresight import choose, what_moves, without_movers
 from vuca_nav.policy.futures import Futures, FuturesConfig
@@ -65,6 +66,11 @@ class ShieldConfig:
     """The same for where things may go [m]."""
     far_resolution: float = 0.1
 
+    def __post_init__(self) -> None:
+        """Raises BadArgument for what is out of its range."""
+        if self.mover_margin <= 0.0 or self.mover_growth < 0.0:
+            raise BadArgument(f"mover_margin must be positive and mover_growth 0 or more, got {self}")
+
 
 TRACK_SPACING = 0.1
 """Between two scans from which things are followed: over less, range noise is too much of a velocity [s]."""
@@ -89,9 +95,10 @@ class Guard:
         self._field, self._whole_field = np.zeros((2, *_cells(c.reach, c.resolution)), np.int16)
         self._far_field = np.zeros(_cells(c.far_reach, c.far_resolution), np.int16)
         self._ranges = np.zeros(lidar.num_beams)
+        self._delay = body.delay
         self._limits = np.array([body.max_v_x, body.min_v_x, body.max_v_y, body.max_w_z])
         self._accelerations = np.array([body.max_a_x, body.max_a_y, body.max_a_w])
-        v_x = np.append(np.linspace(body.min_v_x, body.max_v_x, c.num_v_x), 0.0)
+        v_x = np.union1d(np.linspace(body.min_v_x, body.max_v_x, c.num_v_x), 0.0)
         v_y = np.linspace(-body.max_v_y, body.max_v_y, c.num_v_y) if body.max_v_y > 0.0 else np.zeros(1)
         w_z = np.linspace(-body.max_w_z, body.max_w_z, c.num_w_z)
         every = np.array(np.meshgrid(v_x, v_y, w_z)).reshape(3, -1).T
@@ -122,6 +129,7 @@ class Guard:
         distance_field(ranges, self._beams_in_base, c.resolution, c.reach, self._whole_field)
         if len(moving):
             distance_field(self._ranges, self._beams_in_base, c.far_resolution, c.far_reach, self._far_field)
+        moving[:, :2] += self._delay * moving[:, 2:4]  # to when the body answers
         futures = self._futures.draw(moving, self._far_field, c.far_resolution, c.far_reach)
         best = choose(
             self._field, self._whole_field, c.resolution, c.reach, self._discs, futures, moving, self._ways,
@@ -182,6 +190,8 @@ class Shield(LocalPolicy):
         """Take in what the sensors say now."""
         self.policy.look(observation)
         self._motion[0] = observation.motion
+        if not np.isfinite(self._motion).all():  # nobody knows where things have gone
+            self._motion[0], self._fresh[0] = 0.0, True
         self._tracker.update(self._row, observation.scan.ranges[None], self._motion, self._reaches, self._fresh)
         self._fresh[0] = False
 

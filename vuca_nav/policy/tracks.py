@@ -30,8 +30,8 @@ SLOT_SIZE = 6
 POSITION_SCALE, VELOCITY_SCALE, RADIUS_SCALE = 4.0, 2.0, 0.5
 """[m], [m/s], [m]"""
 
-_X, _Y, _V_X, _V_Y, _RADIUS, _HITS, _MISSED, _STEADY, _ERROR_X, _ERROR_Y = range(10)
-_COLUMNS = 10
+_X, _Y, _V_X, _V_Y, _RADIUS, _HITS, _MISSED, _STEADY, _ERROR_X, _ERROR_Y, _FIRST_X, _FIRST_Y = range(12)
+_COLUMNS = 12
 _GATE = 0.4
 """A thing is found again so near to where it was expected: 0.1 s at 3 m/s, and its centre's error [m]."""
 _ALPHA = np.array([1.0, 1.0, 0.85, 0.7, 0.6, 0.5, 0.45])
@@ -44,6 +44,8 @@ _PAIR, _IN_PART = 0.18, 0.3
 """Where something of a larger radius was only a leg is seen, or what is half hidden: so much of the usual gains."""
 _PART_GATE = 0.25
 """For these instead of ``_GATE`` [m]."""
+_LEFT = 1.2
+"""Times its radius that a thing goes from where it was first seen before it has left."""
 _PATIENCE = 5
 """Updates that a thing is remembered unseen."""
 _MARGIN = 0.05
@@ -60,12 +62,13 @@ class Tracker:
         num_beams: Of the scans; beam i points at ``-pi + i * 2 pi / num_beams``.
         period: Between two calls [s].
         spacing: Between two scans that are looked at [s], a multiple of the period.
-        most_beams: A scan of more is thinned to so many; by default to as many as in training.
+        most_beams: A scan of twice or more as many is thinned, to each second, third, ... beam; by default by what
+            training has.
 
     Attributes:
-        tracks: (n, MAX_TRACKS, 10) position, velocity, radius, times seen, updates unseen, times seen since it
-            turned, last error of position; in the frame of odometry that begins where a row began anew [m, m/s, m].
-            What was never seen is no track.
+        tracks: (n, MAX_TRACKS, 12) position, velocity, radius, times seen, updates unseen, times seen since it
+            turned, last error of position, where it was first seen; in the frame of odometry that begins where a row
+            began anew [m, m/s, m]. What was never seen is no track.
     """
 
     def __init__(self, n: int, num_beams: int, period: float, spacing: float, most_beams: int = TRAINING_BEAMS):
@@ -75,7 +78,7 @@ class Tracker:
         self._period, self._spacing = period, spacing
         self.tracks: FloatArray = np.zeros((n, MAX_TRACKS, _COLUMNS))
         self._odometry, self._since = np.zeros((n, 3)), np.zeros(n)
-        self._found, self._taken = np.zeros((3 * MAX_TRACKS, FOUND_COLUMNS)), np.zeros(MAX_TRACKS, np.bool_)
+        self._found, self._taken = np.zeros((len(self._beams), FOUND_COLUMNS)), np.zeros(MAX_TRACKS, np.bool_)
         directions = -np.pi + (np.arange(DIRECTIONS) + 0.5) * (2.0 * np.pi / DIRECTIONS)
         self._directions = np.column_stack([np.cos(directions), np.sin(directions)])
         self._here = np.zeros((MAX_TRACKS, SLOT_SIZE))
@@ -103,7 +106,9 @@ class Tracker:
         )  # fmt: skip
 
     def things(self, row: int, out: FloatArray) -> int:
-        """What a row knows of now.
+        """What a row knows of now; what has not yet left the place that it was first seen at stands.
+
+        That is for posts: seen two by two, now these and now those, they would seem to jump.
 
         Args:
             row: Which.
@@ -113,7 +118,7 @@ class Tracker:
         Returns:
             How many there are.
         """
-        return _in_base(self.tracks[row], self._odometry[row], self._since[row], out)
+        return _in_base(self.tracks[row], self._odometry[row], self._since[row], out, _LEFT)
 
     def features(
         self,
@@ -201,6 +206,7 @@ def _follow(things, found, pose, dt, taken):
                 break
             things[k] = 0.0
             things[k, _X], things[k, _Y], things[k, _RADIUS] = found[best_f, :3]
+            things[k, _FIRST_X], things[k, _FIRST_Y] = found[best_f, :2]
             things[k, _HITS], things[k, _STEADY], things[k, _MISSED] = 1.0, 1.0, -1.0
             left -= 1
             found[best_f] = found[left]
@@ -241,7 +247,7 @@ def _learn(thing, found, dt):
 
 
 @njit(cache=True, nogil=True)
-def _in_base(things, pose, t, out):
+def _in_base(things, pose, t, out, left):
     c, s = math.cos(pose[2]), math.sin(pose[2])
     count = 0
     for k in range(len(things)):
@@ -251,7 +257,9 @@ def _in_base(things, pose, t, out):
         dx, dy = thing[_X] + t * thing[_V_X] - pose[0], thing[_Y] + t * thing[_V_Y] - pose[1]
         row = out[count]
         row[0], row[1] = c * dx + s * dy, -s * dx + c * dy
-        row[2], row[3] = c * thing[_V_X] + s * thing[_V_Y], -s * thing[_V_X] + c * thing[_V_Y]
+        gone = math.hypot(thing[_X] - thing[_FIRST_X], thing[_Y] - thing[_FIRST_Y])
+        v_x, v_y = (thing[_V_X], thing[_V_Y]) if gone >= left * thing[_RADIUS] else (0.0, 0.0)
+        row[2], row[3] = c * v_x + s * v_y, -s * v_x + c * v_y
         row[4], row[5] = thing[_RADIUS], min(thing[_HITS], 4.0) / (4.0 + thing[_MISSED])
         count += 1
     return count
@@ -261,7 +269,7 @@ def _in_base(things, pose, t, out):
 def _features(rows, tracks, odometry, since, directions, body_radius, max_speed, here, meetings, rest):
     num_directions = len(directions)
     for i in rows:
-        count = _in_base(tracks[i], odometry[i], since[i], here)
+        count = _in_base(tracks[i], odometry[i], since[i], here, 0.0)
         for a in range(len(SPEEDS)):
             speed = SPEEDS[a] * max_speed[i]
             for d in range(num_directions):
