@@ -8,7 +8,7 @@ import numpy as np
 from vuca_nav.errors import BadArgument
 from vuca_nav.exploration.explorer import Explorer, ExplorerConfig
 from vuca_nav.exploration.heuristic import NoCritic, SafetyCritic
-from vuca_nav.geometry import between, compose, distance
+from vuca_nav.geometry import between, compose, distance, transform_points
 from vuca_nav.mapping.grid import OccupancyGrid
 from vuca_nav.mapping.slam import Slam, SlamConfig
 from vuca_nav.planning.costmap import Costmap, CostmapConfig
@@ -182,7 +182,9 @@ class Navigator:
 
     def _plan(self, now: float, pose: Pose2, reason: str | None) -> None:
         grid, telemetry, position = self.slam.navigation_grid, self.telemetry, (pose.x, pose.y)
-        costmap = Costmap(grid, self.body.radius, position, self.config.costmap)
+        walkers = self.policy.walkers()
+        walkers[:, :2] = transform_points(pose, walkers[:, :2])
+        costmap = Costmap(grid, self.body.radius, position, self.config.costmap, walkers)
         paths = PathField(costmap, position)
         target = self.explorer.target
         if target is not None and not paths.reaches(*target.approach):

@@ -8,6 +8,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from vuca_nav.mapping.grid import OccupancyGrid
+from vuca_nav.types import FloatArray
 
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2
 
@@ -26,10 +27,22 @@ class CostmapConfig:
     """A path touching the margin is this much longer than it is, falling linearly to 0 at ``comfort``."""
     escape_radius: float = 0.6
     """Around the robot, cells within the margin may be crossed: else it could not leave a tight spot [m]."""
+    walker_margin: float = 0.25
+    """Around who walks, what the grid has occupied is taken for a part of him [m]."""
+
+
+NOBODY: FloatArray = np.empty((0, 3))
 
 
 class Costmap:
-    """A snapshot of the navigation grid, coarser, with clearances.
+    """A snapshot of the navigation grid, coarser, with clearances, and without who walks.
+
+    Args:
+        grid: What is known.
+        radius: Of the body [m].
+        robot: Where it is in the map [m].
+        config: Settings.
+        walkers: (k, 3) x, y in the map and radius of what is known to move [m].
 
     Attributes:
         state: (rows, columns) int8 of UNKNOWN, FREE, OCCUPIED.
@@ -42,7 +55,14 @@ class Costmap:
     UNIT = 4
     """Weight of a cell with all the clearance one wants."""
 
-    def __init__(self, grid: OccupancyGrid, radius: float, robot: tuple[float, float], config: CostmapConfig):
+    def __init__(
+        self,
+        grid: OccupancyGrid,
+        radius: float,
+        robot: tuple[float, float],
+        config: CostmapConfig,
+        walkers: FloatArray = NOBODY,
+    ):
         step = grid.resolution * config.downsample
         self.resolution = step
         x_min, y_min, x_max, y_max = grid.known_box
@@ -55,6 +75,7 @@ class Costmap:
         self.origin = (grid.origin[0] + j0 * grid.resolution, grid.origin[1] + i0 * grid.resolution)
         self.radius = radius
         self.state: NDArray[np.int8] = _coarsen(grid.level[i0:i1, j0:j1], config.downsample)
+        _leave_out(self.state, self.origin, step, walkers, config.walker_margin)
         cap = math.ceil(config.comfort / step * 5.0) + 5
         self.clearance: NDArray[np.int16] = _chamfer(self.state, cap)
         # An occupied cell's surface is half a cell nearer than its centre.
@@ -108,6 +129,18 @@ def _coarsen(level, factor):
                     free += value < 0
             state[i, j] = 2 if occupied else (1 if 2 * free >= factor * factor else 0)
     return state
+
+
+@njit(cache=True)
+def _leave_out(state, origin, resolution, walkers, margin):
+    """Free what is occupied by who walks."""
+    for walker in walkers:
+        reach = (walker[2] + margin) / resolution
+        middle_j, middle_i = (walker[0] - origin[0]) / resolution - 0.5, (walker[1] - origin[1]) / resolution - 0.5
+        for i in range(max(int(middle_i - reach), 0), min(int(middle_i + reach) + 2, state.shape[0])):
+            for j in range(max(int(middle_j - reach), 0), min(int(middle_j + reach) + 2, state.shape[1])):
+                if state[i, j] == 2 and (i - middle_i) ** 2 + (j - middle_j) ** 2 <= reach * reach:
+                    state[i, j] = 1
 
 
 @njit(cache=True)

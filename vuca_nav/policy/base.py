@@ -3,7 +3,9 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
-from vuca_nav.types import Pose2, Scan, Twist2, VelocityCommand
+import numpy as np
+
+from vuca_nav.types import FloatArray, Pose2, Scan, Twist2, VelocityCommand
 
 STANDING = Pose2(0.0, 0.0, 0.0)
 """No motion."""
@@ -36,6 +38,13 @@ class LocalPolicy(ABC):
 
         A policy that remembers what it saw, or is asked about it by the explorer, takes it in here.
         """
+
+    def walkers(self) -> FloatArray:
+        """What is known to move, (k, 3) x, y of the centre in base_link and radius [m].
+
+        By the time that the robot gets there it is elsewhere: paths are planned as if it were not there.
+        """
+        return np.empty((0, 3))
 
     @abstractmethod
     def command(self, observation: LocalObservation) -> VelocityCommand:

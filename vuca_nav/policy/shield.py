@@ -172,7 +172,7 @@ class Shield(LocalPolicy):
     """
 
     def __init__(self, body: BodySpec, lidar: LidarSpec, policy: LocalPolicy, config: ShieldConfig = ShieldConfig()):
-        self.policy = policy
+        self.policy, self._config = policy, config
         self._guard = Guard(body, lidar, config)
         self._unanswered = Unanswered(body, lidar.rate)
         self._tracker = Tracker(1, lidar.num_beams, 1.0 / lidar.rate, TRACK_SPACING, lidar.num_beams)
@@ -194,6 +194,12 @@ class Shield(LocalPolicy):
             self._motion[0], self._fresh[0] = 0.0, True
         self._tracker.update(self._row, observation.scan.ranges[None], self._motion, self._reaches, self._fresh)
         self._fresh[0] = False
+
+    def walkers(self) -> FloatArray:
+        """What is known to move, (k, 3) x, y of the centre in base_link and radius [m]."""
+        things = self._things[: self._tracker.things(0, self._things)]
+        moving = things[: what_moves(things, self._config.moving, self._config.certain, things)]
+        return moving[:, [0, 1, 4]]
 
     def command(self, observation: LocalObservation) -> VelocityCommand:
         """The policy's command, or the nearest one that is safe."""
