@@ -3,7 +3,7 @@ import json
 import pytest
 
 from eval.sweep import SweepArguments, lines_of, main
-from vuca_nav.errors import BadArgument
+from vuca_nav.errors import BadArgument, UnknownName
 
 
 def group(movers, rate, method="ours"):
@@ -19,9 +19,21 @@ def test_lines_are_in_order_of_the_movers():
     }
 
 
+def test_the_share_that_took_a_way_is_of_those_that_entered_any():
+    ways = {"quiet": {"count": 8, "rate": 0.32, "interval": [0.17, 0.52]}, "short": {"count": 17, "rate": 0.68}}
+    none = {"short": {"count": 25, "rate": 1.0, "interval": [0.87, 1.0]}}
+    groups = [group(12, 0.7) | {"ways": ways, "gamma": 2.0}, group(4, 0.7) | {"ways": none, "gamma": 2.0}]
+    (name, points), *others = lines_of(groups, "quiet").items()
+    assert not others
+    assert name == "square, go2, ours, gamma 2"
+    assert points[1] == (12, 0.32, 0.17, 0.52)
+    assert points[0][:3] == (4, 0.0, 0.0)
+    assert points[0][3] == pytest.approx(0.1332, abs=1e-3)  # Wilson's interval of 0 of 25
+
+
 def test_a_plot_is_drawn_from_summaries(tmp_path):
     (tmp_path / "summary.json").write_text(json.dumps({"groups": [group(8, 0.8), group(16, 0.6)]}))
-    main(SweepArguments((tmp_path,), tmp_path / "new" / "plot.png"))
+    main(SweepArguments((tmp_path,), out=tmp_path / "new" / "plot.png"))
     assert (tmp_path / "new" / "plot.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -31,3 +43,5 @@ def test_what_cannot_be_drawn_is_said(tmp_path):
     (tmp_path / "summary.json").write_text(json.dumps({"groups": [group(None, 0.8)]}))
     with pytest.raises(BadArgument, match="'vuca eval crowd' does"):
         main(SweepArguments((tmp_path,)))
+    with pytest.raises(UnknownName, match="quiet"):
+        main(SweepArguments((tmp_path,), ("quiet",)))
