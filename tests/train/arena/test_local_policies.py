@@ -52,6 +52,7 @@ def test_who_goes_straight_to_the_goal_arrives_where_nothing_is():
 def test_a_policy_sees_its_own_row_at_the_arenas_rate():
     policies, _ = played("static", TowardsGoal)
     for policy in policies._policies:
+        assert isinstance(policy, TowardsGoal)
         stamps = [seen.scan.stamp for seen in policy.seen]
         assert np.diff(stamps) == pytest.approx(1.0 / WORLD.decision_rate)
         first, second = policy.seen[0], policy.seen[1]
