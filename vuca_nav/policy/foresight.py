@@ -152,6 +152,8 @@ def _follow(
 ):  # fmt: skip
     """Positions, cosine and sine of the heading on a way; the body stands before what stands.
 
+    ``way`` is one of ``shield.ways_out``, or of kind 3: as commanded by ``u``.
+
     Returns:
         x, y, yaw and velocity at the end.
     """

@@ -112,7 +112,7 @@ class Guard:
     def choose(
         self, wanted: VelocityCommand, last: VelocityCommand, start: Pose2, ranges: FloatArray, things: FloatArray
     ) -> VelocityCommand:
-        """The wanted command, or the nearest one that is safe.
+        """The wanted command, or the one that costs least.
 
         Args:
             wanted: By the policy.
@@ -202,7 +202,7 @@ class Shield(LocalPolicy):
         return moving[:, [0, 1, 4]]
 
     def command(self, observation: LocalObservation) -> VelocityCommand:
-        """The policy's command, or the nearest one that is safe."""
+        """The policy's command, or the one that costs least."""
         wanted = self.policy.command(observation)
         things = self._things[: self._tracker.things(0, self._things)]
         start, last = self._unanswered.pose(), self._unanswered.last
