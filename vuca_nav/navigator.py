@@ -132,7 +132,7 @@ class Navigator:
             The command to hold until the next tick.
         """
         telemetry = self.telemetry
-        estimate = self.slam.update(scan, odometry)
+        estimate = self.slam.update(scan, odometry, self.policy.walkers())
         pose = estimate.map_from_base
         telemetry.estimated_pose(pose, compose(self.start, odometry.odom_from_base))
         telemetry.scan(scan, estimate.points_in_map)
@@ -182,7 +182,7 @@ class Navigator:
 
     def _plan(self, now: float, pose: Pose2, reason: str | None) -> None:
         grid, telemetry, position = self.slam.navigation_grid, self.telemetry, (pose.x, pose.y)
-        walkers = self.policy.walkers()
+        walkers = self.policy.walkers().copy()
         walkers[:, :2] = transform_points(pose, walkers[:, :2])
         costmap = Costmap(grid, self.body.radius, position, self.config.costmap, walkers)
         paths = PathField(costmap, position)

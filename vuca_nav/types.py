@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+NOBODY: FloatArray = np.empty((0, 3))
+"""No walkers: x, y, radius of none."""
 
 
 class Pose2(NamedTuple):

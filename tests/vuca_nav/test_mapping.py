@@ -289,3 +289,29 @@ def test_an_empty_scan_leaves_the_pose_to_odometry_and_frees_the_surroundings():
     estimate = slam.update(nothing, Odometry(1 / 30, Pose2(0.1, 0.0, 0.0), REST))
     assert estimate.map_from_base == pytest.approx((0.1, 0.0, 0.0))
     assert slam.navigation_grid.state(8.01, 0.01) == -1 or slam.navigation_grid.state(8.01, -0.01) == -1
+
+
+def test_who_walks_has_no_place_in_the_map():
+    slam, hall = Slam(LIDAR), room(6.0, 6.0)
+    pose = Pose2(2.0, 3.0, 0.0)
+    for walkers, state in ((np.empty((0, 3)), 1), (np.array([[2.0, 0.0, 0.2]]), 0)):
+        slam.reset(pose)
+        ranges = ranges_to_boxes(np.vstack([hall, [[3.8, 2.8, 4.2, 3.2]]]), pose)
+        estimate = slam.update(Scan(0.0, ranges), Odometry(0.0, Pose2(0.0, 0.0, 0.0), REST), walkers)
+        grid = slam.navigation_grid
+        assert grid.state(3.81, 3.0) == state  # his near side is what is seen
+        assert grid.state(3.7, 3.0) == -1  # on the way to him it is free all the same
+        assert grid.state(6.01, 5.0) == 1  # the wall is where it was
+        assert bool((np.abs(estimate.points_in_map - (3.8, 3.0)) < 0.1).all(1).any()) is (state == 1)
+
+
+def test_what_no_beam_has_come_near_to_lately_is_told():
+    grid = OccupancyGrid(GridConfig())
+    insert_beam(grid, (1.0, 0.025))
+    for _ in range(5):
+        insert_beam(grid, (-1.0, 0.025))
+    there, elsewhere = grid.cell(1.0, 0.025), grid.cell(-1.0, 0.025)
+    assert grid.not_seen_for(4)[there]
+    assert not grid.not_seen_for(5)[there]
+    assert not grid.not_seen_for(0)[elsewhere]
+    assert not grid.not_seen_for(0)[0, 0]  # never seen at all: a map given beforehand may know it

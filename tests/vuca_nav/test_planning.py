@@ -8,6 +8,7 @@ from vuca_nav.mapping.grid import GridConfig, OccupancyGrid
 from vuca_nav.planning.costmap import Costmap, CostmapConfig, _chamfer, _coarsen
 from vuca_nav.planning.paths import _DI, _DJ, _LENGTH, UNREACHED, PathField, _dijkstra
 from vuca_nav.planning.waypoints import farthest_free_waypoint
+from vuca_nav.types import Pose2
 
 
 def grid_of(rows: list[str]) -> OccupancyGrid:
@@ -148,3 +149,28 @@ def test_who_walks_does_not_bar_a_way():
     changed = np.argwhere(free.state != barred.state)  # nothing else: the passage's walls are 0.6 m from him
     assert sorted(free.point(i, j)[1] for i, j in changed) == pytest.approx([1.95, 2.05])
     assert len(changed) == 2
+
+
+def test_small_things_that_have_not_been_seen_lately_may_have_walked_away():
+    picture = hall(60, 40)
+    picture[20, 10:13] = "#"  # three cells long
+    picture[10, 10:20] = "#"  # ten, no walker
+    grid, robot, spot, bar = as_grid(picture), (1.5, 1.0), (1.15, 1.95), (1.15, 2.95)
+    box = np.array([1.0, 1.0, 5.0, 5.0])
+
+    def state(costmap: Costmap, x: float, y: float) -> int:
+        return int(costmap.state[costmap.cell(x, y)])
+
+    def scan(*ends: tuple[float, float]) -> None:
+        points = np.array(ends)
+        grid.insert(Pose2(2.5, 2.5, 0.0), points, len(points), np.full(len(points), 9.0), box)
+
+    scan(*((x + 0.025, y) for x in np.arange(1.0, 1.3, 0.05) for y in (1.925, 1.975)), bar)
+    for scans, expected in ((59, 2), (2, 1)):  # the memory is 60 scans
+        for _ in range(scans):
+            scan((5.0, 3.0))
+        costmap = Costmap(grid, 0.3, robot, CostmapConfig())
+        assert state(costmap, *spot) == expected
+        assert state(costmap, *bar) == 2
+    scan(spot)
+    assert state(Costmap(grid, 0.3, robot, CostmapConfig()), *spot) == 2  # seen again

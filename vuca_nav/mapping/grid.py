@@ -98,6 +98,10 @@ class OccupancyGrid:
             return 0
         return int(np.sign(self.level[i, j]))
 
+    def not_seen_for(self, scans: int) -> NDArray[np.bool_]:
+        """Cells that a scan has updated, but none of the last so many, (rows, columns)."""
+        return (self._scan_of_last_update > 0) & (self._scan_of_last_update < self._scan_index - scans)
+
     def cover(self, x_min: float, y_min: float, x_max: float, y_max: float) -> None:
         """Grow, if need be, so that the rectangle lies inside."""
         rows, columns = self.level.shape

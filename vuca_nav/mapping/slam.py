@@ -15,7 +15,7 @@ from vuca_nav.geometry import between, compose, wrap_angle
 from vuca_nav.mapping.grid import GridConfig, OccupancyGrid
 from vuca_nav.mapping.scan_matching import ScanMatcher, ScanMatcherConfig
 from vuca_nav.mapping.surfaces import SurfaceGrid
-from vuca_nav.types import FloatArray, LidarSpec, Odometry, Pose2, Scan
+from vuca_nav.types import NOBODY, FloatArray, LidarSpec, Odometry, Pose2, Scan
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +42,8 @@ class SlamConfig:
     """A beam that ends lower than this share of the lidar's height by the measured lean may have met the floor ..."""
     highest: float = 0.25
     """... and one that ends this much above the lidar may have passed over something low: neither is mapped [m]."""
+    walker_margin: float = 0.2
+    """What returns so near to who walks is a part of him [m]."""
     surface_thickness: float = 0.1
     """A beam does not empty occupied cells while it is this near to the surface it ends on: two cells [m]. Without it
     beams that skim a wall wash it away, cell by cell, since they pass twenty of its cells for each that they hit."""
@@ -92,8 +94,15 @@ class Slam:
         self._inserted_at = start
         self._inserted_stamp = -math.inf
 
-    def update(self, scan: Scan, odometry: Odometry) -> SlamEstimate:
-        """Localise the scan in the map, then write it into the map."""
+    def update(self, scan: Scan, odometry: Odometry, walkers: FloatArray = NOBODY) -> SlamEstimate:
+        """Localise the scan in the map, then write it into the map.
+
+        Args:
+            scan: The lidar's latest.
+            odometry: The body's, at the same time.
+            walkers: (k, 3) x, y in base_link and radius of what is known to move [m]: it is no landmark, and has no
+                place in a map. The beams that it returns empty the cells on their way, as others do.
+        """
         config = self.config
         predicted = self._predict(odometry)
         _level(
@@ -113,6 +122,8 @@ class Slam:
             self.lidar.max_range,
             config.neighbours,
             config.surface_thickness,
+            walkers,
+            config.walker_margin,
             self._ends_in_base,
             self._grazed,
         )
@@ -157,8 +168,8 @@ def _level(ranges, beams, up_x, up_y, max_range, lowest, highest, levelled):
 
 
 @njit(cache=True)
-def _beam_ends(ranges, beams, min_range, max_range, neighbours, thickness, ends, grazed):
-    """Returns first, then the ends of beams that met nothing; how many returns, and of both in all.
+def _beam_ends(ranges, beams, min_range, max_range, neighbours, thickness, walkers, margin, ends, grazed):
+    """Returns first, then the ends of beams that met nothing or a walker; how many returns, and of both in all.
 
     ``grazed`` becomes the last part of each beam that runs within ``thickness`` of the surface which the returns to
     its left and right show.
@@ -167,7 +178,7 @@ def _beam_ends(ranges, beams, min_range, max_range, neighbours, thickness, ends,
     count = 0
     for k in range(n):
         r = ranges[k]
-        if min_range <= r < max_range:
+        if min_range <= r < max_range and not _is_of_walker(r * beams[k, 0], r * beams[k, 1], walkers, margin):
             ends[count, 0] = r * beams[k, 0]
             ends[count, 1] = r * beams[k, 1]
             # The more grazing of the angles to the returns on either side: beyond a wall's end there may be none.
@@ -183,7 +194,13 @@ def _beam_ends(ranges, beams, min_range, max_range, neighbours, thickness, ends,
             count += 1
     num_hits = count
     for k in range(n):
-        if ranges[k] >= max_range:
+        r = ranges[k]
+        if min_range <= r < max_range and _is_of_walker(r * beams[k, 0], r * beams[k, 1], walkers, margin):
+            ends[count, 0] = r * beams[k, 0]
+            ends[count, 1] = r * beams[k, 1]
+            grazed[count] = 0.0
+            count += 1
+        elif r >= max_range:
             free = max_range
             for d in range(-neighbours, neighbours + 1):
                 free = min(free, ranges[(k + d) % n])
@@ -193,6 +210,15 @@ def _beam_ends(ranges, beams, min_range, max_range, neighbours, thickness, ends,
                 grazed[count] = 0.0
                 count += 1
     return num_hits, count
+
+
+@njit(cache=True)
+def _is_of_walker(x, y, walkers, margin):
+    for walker in walkers:
+        near = walker[2] + margin
+        if (x - walker[0]) ** 2 + (y - walker[1]) ** 2 < near * near:
+            return True
+    return False
 
 
 @njit(cache=True)

@@ -8,7 +8,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from vuca_nav.mapping.grid import OccupancyGrid
-from vuca_nav.types import FloatArray
+from vuca_nav.types import NOBODY, FloatArray
 
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2
 
@@ -29,13 +29,14 @@ class CostmapConfig:
     """Around the robot, cells within the margin may be crossed: else it could not leave a tight spot [m]."""
     walker_margin: float = 0.25
     """Around who walks, what the grid has occupied is taken for a part of him [m]."""
-
-
-NOBODY: FloatArray = np.empty((0, 3))
+    memory: int = 60
+    """Small things that no beam has come near to for so many scans may have walked away: 2 s at 30 Hz."""
+    small: float = 0.8
+    """No larger than this, each way [m]."""
 
 
 class Costmap:
-    """A snapshot of the navigation grid, coarser, with clearances, and without who walks.
+    """A snapshot of the navigation grid, coarser, with clearances, and without who walks or may have walked away.
 
     Args:
         grid: What is known.
@@ -74,7 +75,9 @@ class Costmap:
         i1, j1 = min(i1 + margin + 1, rows), min(j1 + margin + 1, columns)
         self.origin = (grid.origin[0] + j0 * grid.resolution, grid.origin[1] + i0 * grid.resolution)
         self.radius = radius
-        self.state: NDArray[np.int8] = _coarsen(grid.level[i0:i1, j0:j1], config.downsample)
+        level, seen = grid.level[i0:i1, j0:j1], ~grid.not_seen_for(config.memory)[i0:i1, j0:j1]
+        self.state: NDArray[np.int8] = _coarsen(level, config.downsample)
+        _forget(self.state, (level > 0) & seen, config.downsample, max(1, round(config.small / step)))
         _leave_out(self.state, self.origin, step, walkers, config.walker_margin)
         cap = math.ceil(config.comfort / step * 5.0) + 5
         self.clearance: NDArray[np.int16] = _chamfer(self.state, cap)
@@ -129,6 +132,38 @@ def _coarsen(level, factor):
                     free += value < 0
             state[i, j] = 2 if occupied else (1 if 2 * free >= factor * factor else 0)
     return state
+
+
+@njit(cache=True)
+def _forget(state, certain, factor, most):
+    """Free the connected occupied cells that extend over at most ``most`` cells each way, none of them certain."""
+    rows, columns = state.shape
+    visited = np.zeros((rows, columns), np.bool_)
+    stack = np.empty((rows * columns, 2), np.int32)
+    for i0 in range(rows):
+        for j0 in range(columns):
+            if state[i0, j0] != 2 or visited[i0, j0]:
+                continue
+            visited[i0, j0] = True
+            stack[0, 0], stack[0, 1] = i0, j0
+            done, size = 0, 1
+            low_i, high_i, low_j, high_j, gone = i0, i0, j0, j0, True
+            while done < size:
+                i, j = stack[done, 0], stack[done, 1]
+                done += 1
+                low_i, high_i, low_j, high_j = min(low_i, i), max(high_i, i), min(low_j, j), max(high_j, j)
+                for a in range(factor * i, factor * (i + 1)):
+                    for b in range(factor * j, factor * (j + 1)):
+                        gone = gone and not certain[a, b]
+                for a in range(max(i - 1, 0), min(i + 2, rows)):
+                    for b in range(max(j - 1, 0), min(j + 2, columns)):
+                        if state[a, b] == 2 and not visited[a, b]:
+                            visited[a, b] = True
+                            stack[size, 0], stack[size, 1] = a, b
+                            size += 1
+            if gone and high_i - low_i < most and high_j - low_j < most:
+                for k in range(size):
+                    state[stack[k, 0], stack[k, 1]] = 1
 
 
 @njit(cache=True)

@@ -3,9 +3,7 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
-import numpy as np
-
-from vuca_nav.types import FloatArray, Pose2, Scan, Twist2, VelocityCommand
+from vuca_nav.types import NOBODY, FloatArray, Pose2, Scan, Twist2, VelocityCommand
 
 STANDING = Pose2(0.0, 0.0, 0.0)
 """No motion."""
@@ -42,9 +40,9 @@ class LocalPolicy(ABC):
     def walkers(self) -> FloatArray:
         """What is known to move, (k, 3) x, y of the centre in base_link and radius [m].
 
-        By the time that the robot gets there it is elsewhere: paths are planned as if it were not there.
+        By the time that the robot gets there it is elsewhere: it is left out of the map, and of what paths go round.
         """
-        return np.empty((0, 3))
+        return NOBODY
 
     @abstractmethod
     def command(self, observation: LocalObservation) -> VelocityCommand:

@@ -20,7 +20,7 @@ from vuca_nav.policy.futures import Futures, FuturesConfig
 from vuca_nav.policy.surroundings import cover_by_discs, distance_field
 from vuca_nav.policy.tracks import MAX_TRACKS, SLOT_SIZE, Tracker
 from vuca_nav.policy.unanswered import Unanswered
-from vuca_nav.types import BodySpec, FloatArray, LidarSpec, Pose2, VelocityCommand
+from vuca_nav.types import NOBODY, BodySpec, FloatArray, LidarSpec, Pose2, VelocityCommand
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,6 +197,8 @@ class Shield(LocalPolicy):
 
     def walkers(self) -> FloatArray:
         """What is known to move, (k, 3) x, y of the centre in base_link and radius [m]."""
+        if self._fresh[0]:
+            return NOBODY
         things = self._things[: self._tracker.things(0, self._things)]
         moving = things[: what_moves(things, self._config.moving, self._config.certain, things)]
         return moving[:, [0, 1, 4]]
