@@ -1,5 +1,6 @@
 """One stage of the training: workers, checkpoints, curves, and the weights it ends with."""
 
+import hashlib
 import importlib.util
 import json
 import math
@@ -77,6 +78,8 @@ class Training:
         contract = json.loads(json.dumps({"stage": asdict(stage), "seed": run.seed, "workers": run.workers}))
         if run.collector != "local":
             contract["collector"] = run.collector
+        if run.sources:
+            contract["sources"] = {path.stem: hashlib.sha256(path.read_bytes()).hexdigest() for path in run.sources}
         config = out / "config.json"
         if (out / CHECKPOINT).exists():
             if not resume:

@@ -185,6 +185,23 @@ def test_the_same_seed_gives_the_same_bits_also_when_interrupted(tmp_path, monke
         run(tmp_path / "whole", dataclasses.replace(STAGE, ppo=dataclasses.replace(PPO, gamma=0.9)), resume=True)
 
 
+def test_a_run_that_began_from_other_weights_is_not_gone_on_with(tmp_path):
+    alone = dataclasses.replace(STAGE, name="alone", network=dataclasses.replace(NETWORK, experts=1), steps=16 * 8)
+
+    def start(out, seed):
+        training = Training(alone, RunConfig(seed, 1, ()), out, OpenGround)
+        training.run()
+        return training.weights
+
+    source, other = start(tmp_path / "a", 1), start(tmp_path / "b", 2)
+    config = RunConfig(1, 1, (source, source))
+    Training(STAGE, config, tmp_path / "two", OpenGround).run()
+    Training(STAGE, config, tmp_path / "two", OpenGround, resume=True).run()
+    source.write_bytes(other.read_bytes())
+    with pytest.raises(BadArgument, match=r"sources\.alone"):
+        Training(STAGE, config, tmp_path / "two", OpenGround, resume=True)
+
+
 def test_workers_learn_the_same_from_shares_of_the_worlds(tmp_path):
     first, second = (run(tmp_path / name, workers=2) for name in "ab")
     assert first == second
