@@ -182,16 +182,16 @@ class Navigator:
 
     def _plan(self, now: float, pose: Pose2, reason: str | None) -> None:
         grid, telemetry, position = self.slam.navigation_grid, self.telemetry, (pose.x, pose.y)
-        walkers = self.policy.walkers().copy()
-        walkers[:, :2] = transform_points(pose, walkers[:, :2])
-        costmap = Costmap(grid, self.body.radius, position, self.config.costmap, walkers)
-        paths = PathField(costmap, position)
+        costmap, paths = self._survey(pose)
         target = self.explorer.target
         if target is not None and not paths.reaches(*target.approach):
             reason = "no path leads to the target"
         if reason is not None or target is None:
             before = target.point if target is not None else None
             target = self.explorer.choose(now, grid, costmap, paths, pose)
+            if target is None:  # somebody may have been seen to stand in the way, and have left it unseen
+                costmap, paths = self._survey(pose, doubting=True)
+                target = self.explorer.choose(now, grid, costmap, paths, pose)
             if target is not None and target.point != before:
                 what = "the goal" if target.is_goal else f"({target.point[0]:.1f}, {target.point[1]:.1f})"
                 telemetry.event(f"{reason}: now heading for {what}")
@@ -205,6 +205,13 @@ class Navigator:
         telemetry.entropy(grid.entropy)
         telemetry.path(self._path_in_map)
         telemetry.waypoint(self._waypoint)
+
+    def _survey(self, pose: Pose2, *, doubting: bool = False) -> tuple[Costmap, PathField]:
+        """What the map means to this body, and its ways in it."""
+        walkers, position = self.policy.walkers().copy(), (pose.x, pose.y)
+        walkers[:, :2] = transform_points(pose, walkers[:, :2])
+        costmap = Costmap(self.slam.navigation_grid, self.body.radius, position, self.config.costmap, walkers, doubting)
+        return costmap, PathField(costmap, position)
 
     def _is_stuck(self, pose: Pose2) -> bool:
         if distance(pose, self._moved_from) > self.config.stuck_distance:

@@ -153,8 +153,8 @@ def test_who_walks_does_not_bar_a_way():
 
 def test_small_things_that_have_not_been_seen_lately_may_have_walked_away():
     picture = hall(60, 40)
-    picture[20, 10:13] = "#"  # three cells long
-    picture[10, 10:20] = "#"  # ten, no walker
+    picture[20, 10:13] = "#"  # 0.3 m long
+    picture[10, 10:26] = "#"  # 1.6 m: no walker
     grid, robot, spot, bar = as_grid(picture), (1.5, 1.0), (1.15, 1.95), (1.15, 2.95)
     box = np.array([1.0, 1.0, 5.0, 5.0])
 
@@ -169,8 +169,9 @@ def test_small_things_that_have_not_been_seen_lately_may_have_walked_away():
     for scans, expected in ((59, 2), (2, 1)):  # the memory is 60 scans
         for _ in range(scans):
             scan((5.0, 3.0))
-        costmap = Costmap(grid, 0.3, robot, CostmapConfig())
+        costmap = Costmap(grid, 0.3, robot, CostmapConfig(), doubting=True)
         assert state(costmap, *spot) == expected
         assert state(costmap, *bar) == 2
+        assert state(Costmap(grid, 0.3, robot, CostmapConfig()), *spot) == 2  # as a rule nothing is doubted
     scan(spot)
-    assert state(Costmap(grid, 0.3, robot, CostmapConfig()), *spot) == 2  # seen again
+    assert state(Costmap(grid, 0.3, robot, CostmapConfig(), doubting=True), *spot) == 2  # seen again

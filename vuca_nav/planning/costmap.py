@@ -31,12 +31,12 @@ class CostmapConfig:
     """Around who walks, what the grid has occupied is taken for a part of him [m]."""
     memory: int = 60
     """Small things that no beam has come near to for so many scans may have walked away: 2 s at 30 Hz."""
-    small: float = 0.8
+    small: float = 1.5
     """No larger than this, each way [m]."""
 
 
 class Costmap:
-    """A snapshot of the navigation grid, coarser, with clearances, and without who walks or may have walked away.
+    """A snapshot of the navigation grid, coarser, with clearances, and without who walks.
 
     Args:
         grid: What is known.
@@ -44,6 +44,7 @@ class Costmap:
         robot: Where it is in the map [m].
         config: Settings.
         walkers: (k, 3) x, y in the map and radius of what is known to move [m].
+        doubting: Leave out what may have walked away, too.
 
     Attributes:
         state: (rows, columns) int8 of UNKNOWN, FREE, OCCUPIED.
@@ -63,6 +64,7 @@ class Costmap:
         robot: tuple[float, float],
         config: CostmapConfig,
         walkers: FloatArray = NOBODY,
+        doubting: bool = False,
     ):
         step = grid.resolution * config.downsample
         self.resolution = step
@@ -75,9 +77,11 @@ class Costmap:
         i1, j1 = min(i1 + margin + 1, rows), min(j1 + margin + 1, columns)
         self.origin = (grid.origin[0] + j0 * grid.resolution, grid.origin[1] + i0 * grid.resolution)
         self.radius = radius
-        level, seen = grid.level[i0:i1, j0:j1], ~grid.not_seen_for(config.memory)[i0:i1, j0:j1]
+        level = grid.level[i0:i1, j0:j1]
         self.state: NDArray[np.int8] = _coarsen(level, config.downsample)
-        _forget(self.state, (level > 0) & seen, config.downsample, max(1, round(config.small / step)))
+        if doubting:
+            certain = (level > 0) & ~grid.not_seen_for(config.memory)[i0:i1, j0:j1]
+            _forget(self.state, certain, config.downsample, max(1, round(config.small / step)))
         _leave_out(self.state, self.origin, step, walkers, config.walker_margin)
         cap = math.ceil(config.comfort / step * 5.0) + 5
         self.clearance: NDArray[np.int16] = _chamfer(self.state, cap)
