@@ -98,6 +98,31 @@ def test_a_map_known_beforehand_is_used_from_the_first_step():
     assert ((beside[:, 1] < 2.7) | (beside[:, 1] > 7.5)).all()
 
 
+def test_who_was_last_seen_in_the_only_way_on_is_not_there_for_ever():
+    # A room that is known, its way on at (6.1, 5) out of sight behind a wall, and beyond that the unknown.
+    boxes = np.vstack([room(6.0, 6.0), [[4.5, 2.0, 4.7, 6.0]]])
+    level = np.full((120, 160), -1, np.int8)
+    level[:, 124:] = 0
+    level[[0, -1], :124] = level[:, 0] = level[:88, 120:124] = level[112:, 120:124] = level[40:, 90:94] = 1
+    known = OccupancyGrid(GridConfig())
+    known.fill(level, (0.0, 0.0))
+    body, start = disc_body(), Pose2(2.0, 4.0, 0.0)
+    navigator = Navigator(body, LIDAR, DynamicWindow(body, LIDAR))
+    navigator.reset(start, (9.0, 5.0), known)
+    cells = np.array([(x, y) for x in np.arange(4.975, 5.75, 0.05) for y in (3.025, 3.075)])  # 0.8 of 1.3 m
+    box = np.array([4.9, 3.0, 5.8, 4.0])
+    for _ in range(5):
+        navigator.slam.navigation_grid.insert(Pose2(5.4, 4.0, 0.0), cells, len(cells), np.full(len(cells), 0.1), box)
+    targets = []
+    for k in range(90):
+        navigator.step(scan_of(boxes, start, k * DT), Odometry(k * DT, Pose2(0.0, 0.0, 0.0), Twist2(0.0, 0.0, 0.0)))
+        targets.append(navigator.explorer.target)
+    assert not any(targets[:60])
+    assert targets[-1] is not None
+    assert distance(targets[-1].point, (6.1, 5.0)) < 0.8
+    assert len(navigator._path_in_map) > 0
+
+
 def test_rates_must_divide():
     body = disc_body()
     with pytest.raises(BadArgument, match="7"):
