@@ -1,10 +1,11 @@
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eval.statistics import mean, wilson_interval
+from eval.statistics import mean, paired_difference, wilson_interval
 
 
 @pytest.mark.parametrize(
@@ -53,3 +54,13 @@ def test_mean_does_not_depend_on_the_order(values, random):
     random.shuffle(shuffled)
     assert mean(shuffled) == mean(values)
     assert math.isfinite(mean(values) or 0.0)
+
+
+def test_a_paired_difference_by_hand():
+    first = np.array([True] * 60 + [False] * 40)
+    second = np.array([True] * 50 + [False] * 10 + [True] * 20 + [False] * 20)
+    difference, low, high = paired_difference(first, second)
+    assert difference == pytest.approx(0.10)
+    # (20.5 - 10.5) / 102, +- 1.96 sqrt(31 - 100 / 102) / 102
+    assert low == pytest.approx(0.09804 - 0.10526, abs=1e-4)
+    assert high == pytest.approx(0.09804 + 0.10526, abs=1e-4)

@@ -4,7 +4,6 @@
 """
 
 import json
-import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -17,7 +16,7 @@ import tyro
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from eval.statistics import Z_95, wilson_interval
+from eval.statistics import paired_difference, wilson_interval
 from train.arena.config import KINDS, ArenaConfig
 from train.arena.evaluation import EpisodeRecords, Evaluation
 from train.arena.local_policies import ArenaPolicies
@@ -148,25 +147,6 @@ def knock_outs(experts: int, mean: Sequence[float]) -> dict[str, NDArray[np.floa
     for k in range(experts):
         named[f"without {k}"] = np.where(np.arange(experts) == k, -np.inf, 0.0).astype(np.float32)
     return named
-
-
-def paired_difference(first: NDArray[np.bool_], second: NDArray[np.bool_]) -> tuple[float, float, float]:
-    """How much more often the second succeeded in the same episodes, with its 95% interval.
-
-    Agresti and Min 2005: a half is added to each cell of the table of pairs.
-
-    Args:
-        first: (n,)
-        second: (n,)
-
-    Returns:
-        Difference of the shares, lower and upper end of the interval.
-    """
-    n = len(first) + 2.0
-    gained, lost = float((~first & second).sum()) + 0.5, float((first & ~second).sum()) + 0.5
-    middle = (gained - lost) / n
-    half = Z_95 * math.sqrt(max(gained + lost - (gained - lost) ** 2 / n, 0.0)) / n
-    return float(second.mean()) - float(first.mean()), middle - half, middle + half
 
 
 def summary(records: EpisodeRecords, gate: GateUse | None = None) -> dict:

@@ -8,7 +8,7 @@ import torch
 from train.arena.config import ArenaConfig, Imperfections
 from train.arena.evaluation import Evaluation
 from train.arena.shielding import action_from_command
-from train.navigation.evaluate import EvaluateArguments, evaluate, knock_outs, main, paired_difference, play
+from train.navigation.evaluate import EvaluateArguments, evaluate, knock_outs, main, play
 from train.navigation.networks import FusedActor, NetworkConfig, make_critic
 from train.navigation.weights import actor_of, export
 from vuca_nav.errors import BadArgument, BadWeights
@@ -28,16 +28,6 @@ def write(path, experts, seed=0):
         parameter.data = torch.randn(parameter.shape, generator=generator)
     export(path, path.stem, actor, critic, network, SEEN, 10.0, {})
     return path
-
-
-def test_a_paired_difference_by_hand():
-    first = np.array([True] * 60 + [False] * 40)
-    second = np.array([True] * 50 + [False] * 10 + [True] * 20 + [False] * 20)
-    difference, low, high = paired_difference(first, second)
-    assert difference == pytest.approx(0.10)
-    # (20.5 - 10.5) / 102, +- 1.96 sqrt(31 - 100 / 102) / 102
-    assert low == pytest.approx(0.09804 - 0.10526, abs=1e-4)
-    assert high == pytest.approx(0.09804 + 0.10526, abs=1e-4)
 
 
 def test_the_same_policy_meets_the_same_episodes(tmp_path):

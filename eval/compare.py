@@ -1,0 +1,130 @@
+"""Methods against each other in the same episodes: ``python -m eval.compare FIRST SECOND...``.
+
+The directories are those of ``vuca eval``. An episode is the same for all methods that meet it, so that differences are
+taken in pairs; those that only one of two evaluations has yet are left out.
+"""
+
+import json
+import sys
+from collections.abc import Hashable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import tyro
+
+from eval.statistics import paired_difference
+from eval.store import Row
+from vuca_nav.errors import BadArgument, VucaError
+
+SHOWN = ("success", "collision", "timeout")
+EPISODE = ("world", "region", "movers", "without", "robot", "start", "goal", "seed")
+"""What makes it the same episode."""
+
+
+@dataclass(frozen=True)
+class CompareArguments:
+    """How much more often each outcome came about than in the first evaluation, in the same episodes."""
+
+    folders: tyro.conf.Positional[tuple[Path, ...]]
+    """Of evaluations, complete or not; all are compared with the first."""
+    seeds: tuple[int, int] | None = None
+    """Only the seeds from the first to before the second."""
+
+
+def read_episodes(folder: Path, seeds: tuple[int, int] | None = None) -> dict[Hashable, Row]:
+    """The episodes of an evaluation, by what makes them the same.
+
+    Raises:
+        BadArgument: There are none, or they cannot be read.
+    """
+    path = folder / "episodes.jsonl"
+    try:
+        rows = [json.loads(line) for line in path.read_text().splitlines()]
+        if seeds is not None:
+            rows = [row for row in rows if seeds[0] <= row["seed"] < seeds[1]]
+        episodes: dict[Hashable, Row] = {json.dumps([row[key] for key in EPISODE]): row for row in rows}
+        if not all(isinstance(row["outcome"], str) for row in rows):
+            raise ValueError("outcomes must be text")
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise BadArgument(f"{path} is not a list of episodes: {error}") from error
+    if not episodes:
+        raise BadArgument(f"{path} has no episodes{'' if seeds is None else ' of these seeds'}")
+    return episodes
+
+
+class Differences(NamedTuple):
+    """In one task."""
+
+    pairs: int
+    """Episodes that both have."""
+    of: dict[str, tuple[float, float, float]]
+    """Of the share of each outcome the difference, and the ends of its 95% interval."""
+
+
+def compare(first: dict[Hashable, Row], second: dict[Hashable, Row]) -> dict[str, Differences]:
+    """Paired differences, second less first.
+
+    Args:
+        first: Of ``read_episodes``.
+        second: The same of another evaluation.
+
+    Returns:
+        For each task, and for ``all`` of them if there are several.
+
+    Raises:
+        BadArgument: They have no episode in common.
+    """
+    tasks: dict[str, list[Hashable]] = {}
+    for key in first:
+        if key in second:
+            tasks.setdefault(_task(first[key]), []).append(key)
+    if not tasks:
+        raise BadArgument("the evaluations have no episode in common; compare the same suite, robot and seeds")
+    if len(tasks) > 1:
+        tasks["all"] = [key for keys in tasks.values() for key in keys]
+    result: dict[str, Differences] = {}
+    for task, keys in tasks.items():
+        result[task] = Differences(len(keys), {})
+        for outcome in SHOWN:
+            a, b = (np.array([rows[key]["outcome"] == outcome for key in keys]) for rows in (first, second))
+            result[task].of[outcome] = paired_difference(a, b)
+    return result
+
+
+def _task(row: Row) -> str:
+    name = str(row["world"])
+    if row["region"] is not None:
+        name += f" {row['region']}"
+    if row["movers"] is not None:
+        name += f", {row['movers']} movers"
+    return f"{row['robot']}, {name}" + (f", without {row['without']}" if row["without"] else "")
+
+
+def table(name: str, against: str, differences: dict[str, Differences]) -> str:
+    """As Markdown, in points of a hundred."""
+    lines = [f"`{name}` less `{against}`, in points, 95%:", "", f"| task | pairs | {' | '.join(SHOWN)} |"]
+    lines.append("|---|---|" + "---|" * len(SHOWN))
+    for task, row in differences.items():
+        cells = ["{:+.0f} [{:+.0f}, {:+.0f}]".format(*(100.0 * x for x in row.of[outcome])) for outcome in SHOWN]
+        lines.append(f"| {task} | {row.pairs} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def main(arguments: CompareArguments) -> None:
+    """Read, compare, print."""
+    if len(arguments.folders) < 2:
+        raise BadArgument(f"give two or more evaluations to compare, got {len(arguments.folders)}")
+    first, *others = arguments.folders
+    episodes = read_episodes(first, arguments.seeds)
+    for folder in others:
+        print(table(folder.name, first.name, compare(episodes, read_episodes(folder, arguments.seeds))), end="\n\n")
+
+
+if __name__ == "__main__":
+    try:
+        main(tyro.cli(CompareArguments, config=(tyro.conf.FlagCreatePairsOff,)))
+    except VucaError as error:
+        print(f"compare: {error}", file=sys.stderr)
+        sys.exit(2)

@@ -1,0 +1,73 @@
+import json
+
+import numpy as np
+import pytest
+
+from eval.compare import CompareArguments, compare, main, read_episodes, table
+from eval.statistics import paired_difference
+from vuca_nav.errors import BadArgument
+
+TASK = {"world": "square", "region": None, "movers": 8, "without": "", "robot": "go2", "start": None, "goal": None}
+
+
+def evaluation(folder, outcomes, **task):
+    """A directory with an episode of seed 0, 1, ... for each outcome; None leaves one out."""
+    folder.mkdir(exist_ok=True)
+    rows = [{**TASK, **task, "seed": k, "outcome": outcome} for k, outcome in enumerate(outcomes) if outcome]
+    with open(folder / "episodes.jsonl", "a") as file:
+        file.writelines(json.dumps(row) + "\n" for row in rows)
+    return folder
+
+
+def test_pairs_are_of_the_same_episode(tmp_path):
+    a = evaluation(tmp_path / "a", ["success", "collision", "collision", "timeout", "success"])
+    b = evaluation(tmp_path / "b", [None, "success", "success", "success", "collision", "success"])
+    (name, row), *others = compare(read_episodes(a), read_episodes(b)).items()
+    assert not others
+    assert name == "go2, square, 8 movers"
+    assert row.pairs == 4
+    first, second = [False, False, False, True], [True, True, True, False]
+    assert row.of["success"] == paired_difference(np.array(first), np.array(second))
+    assert row.of["success"][0] == pytest.approx(0.5)
+    assert row.of["collision"][0] == pytest.approx(-0.25)
+    assert row.of["timeout"][0] == pytest.approx(-0.25)
+
+
+def test_tasks_are_told_apart_and_added_up(tmp_path):
+    a, b = tmp_path / "a", tmp_path / "b"
+    for movers, before, after in ((8, "collision", "success"), (16, "success", "success")):
+        evaluation(a, [before] * 3, movers=movers)
+        evaluation(b, [after] * 3, movers=movers)
+    differences = compare(read_episodes(a), read_episodes(b))
+    assert [(name, row.pairs, row.of["success"][0]) for name, row in differences.items()] == [
+        ("go2, square, 8 movers", 3, 1.0),
+        ("go2, square, 16 movers", 3, 0.0),
+        ("all", 6, 0.5),
+    ]
+    assert "| all | 6 | +50 [" in table("b", "a", differences)
+
+
+def test_only_some_seeds(tmp_path):
+    a = evaluation(tmp_path / "a", ["success"] * 6)
+    assert len(read_episodes(a, (2, 5))) == 3
+    with pytest.raises(BadArgument, match="of these seeds"):
+        read_episodes(a, (7, 9))
+
+
+def test_what_cannot_be_compared_is_said(tmp_path):
+    a = evaluation(tmp_path / "a", ["success"])
+    with pytest.raises(BadArgument, match="two or more"):
+        main(CompareArguments((a,)))
+    with pytest.raises(BadArgument, match=r"none.*episodes\.jsonl"):
+        main(CompareArguments((a, tmp_path / "none")))
+    with pytest.raises(BadArgument, match="in common"):
+        main(CompareArguments((a, evaluation(tmp_path / "b", ["success"], robot="tiago"))))
+    (tmp_path / "a" / "episodes.jsonl").write_text("[1]\n")
+    with pytest.raises(BadArgument, match="not a list of episodes"):
+        read_episodes(a)
+
+
+def test_the_table_is_printed(tmp_path, capsys):
+    a, b = (evaluation(tmp_path / name, ["success", "collision"]) for name in "ab")
+    main(CompareArguments((a, b)))
+    assert "`b` less `a`" in capsys.readouterr().out
