@@ -132,7 +132,7 @@ class Navigator:
             The command to hold until the next tick.
         """
         telemetry = self.telemetry
-        estimate = self.slam.update(scan, odometry, self.policy.walkers())
+        estimate = self.slam.update(scan, odometry, self._walkers(odometry))
         pose = estimate.map_from_base
         telemetry.estimated_pose(pose, compose(self.start, odometry.odom_from_base))
         telemetry.scan(scan, estimate.points_in_map)
@@ -145,6 +145,14 @@ class Navigator:
         telemetry.command(command)
         self._tick += 1
         return command
+
+    def _walkers(self, odometry: Odometry) -> FloatArray:
+        """Who the policy knew to walk at the last tick, in the base_link of this one, (k, 3)."""
+        walkers = self.policy.walkers().copy()
+        if self._odom_from_before is not None:
+            now_from_before = between(odometry.odom_from_base, self._odom_from_before)
+            walkers[:, :2] = transform_points(now_from_before, walkers[:, :2])
+        return walkers
 
     def _observation(self, scan: Scan, odometry: Odometry, pose: Pose2) -> LocalObservation:
         """What the local policy may look at, with the waypoint as it is before the cerebrum reconsiders it."""
@@ -187,10 +195,11 @@ class Navigator:
         if target is not None and not paths.reaches(*target.approach):
             reason = "no path leads to the target"
         if reason is not None or target is None:
-            before = target.point if target is not None else None
+            last, before = target, target.point if target is not None else None
             target = self.explorer.choose(now, grid, costmap, paths, pose)
             if target is None:  # somebody may have been seen to stand in the way, and have left it unseen
                 costmap, paths = self._survey(pose, doubting=True)
+                self.explorer.target = last  # it is known to be preferred
                 target = self.explorer.choose(now, grid, costmap, paths, pose)
             if target is not None and target.point != before:
                 what = "the goal" if target.is_goal else f"({target.point[0]:.1f}, {target.point[1]:.1f})"

@@ -305,13 +305,28 @@ def test_who_walks_has_no_place_in_the_map():
         assert bool((np.abs(estimate.points_in_map - (3.8, 3.0)) < 0.1).all(1).any()) is (state == 1)
 
 
-def test_what_no_beam_has_come_near_to_lately_is_told():
+def test_a_phantom_before_a_wall_does_not_wash_it_away():
+    slam, pose, rng = Slam(LIDAR), Pose2(3.0, 3.0, 0.0), np.random.default_rng(2)
+    slam.reset(pose)
+    hall = room(6.0, 6.0)
+    before = None
+    for k in range(300):
+        walkers = np.array([[3.0, 0.0, 0.2]]) if k >= 30 else np.empty((0, 3))
+        slam.update(scan_of(hall, pose, k / 30, rng), Odometry(k / 30, Pose2(0.0, 0.0, 0.0), REST), walkers)
+        if k == 29:
+            before = sum(slam.navigation_grid.state(6.025, y) > 0 for y in np.arange(2.625, 3.4, 0.05))
+    assert before is not None
+    assert before > 10
+    assert sum(slam.navigation_grid.state(6.025, y) > 0 for y in np.arange(2.625, 3.4, 0.05)) >= before - 1
+
+
+def test_what_no_scan_has_changed_lately_is_told():
     grid = OccupancyGrid(GridConfig())
     insert_beam(grid, (1.0, 0.025))
     for _ in range(5):
         insert_beam(grid, (-1.0, 0.025))
     there, elsewhere = grid.cell(1.0, 0.025), grid.cell(-1.0, 0.025)
-    assert grid.not_seen_for(4)[there]
-    assert not grid.not_seen_for(5)[there]
-    assert not grid.not_seen_for(0)[elsewhere]
-    assert not grid.not_seen_for(0)[0, 0]  # never seen at all: a map given beforehand may know it
+    assert grid.not_updated_for(4)[there]
+    assert not grid.not_updated_for(5)[there]
+    assert not grid.not_updated_for(0)[elsewhere]
+    assert not grid.not_updated_for(0)[0, 0]  # never seen at all: a map given beforehand may know it

@@ -6,7 +6,7 @@ import pytest
 
 from tests.vuca_nav.rooms import LIDAR, disc_body, room, scan_of
 from vuca_nav.errors import BadArgument
-from vuca_nav.geometry import compose, distance
+from vuca_nav.geometry import compose, distance, inverse, transform_points
 from vuca_nav.mapping.grid import GridConfig, OccupancyGrid
 from vuca_nav.navigator import Navigator, NavigatorConfig
 from vuca_nav.policy.dwa import DynamicWindow
@@ -96,6 +96,33 @@ def test_a_map_known_beforehand_is_used_from_the_first_step():
     # Round the alley, not through it.
     beside = path[(path[:, 0] > 8.0) & (path[:, 0] < 11.0)]
     assert ((beside[:, 1] < 2.7) | (beside[:, 1] > 7.5)).all()
+
+
+class Seeing(DynamicWindow):
+    """Knows of one walker, where he stands in the room."""
+
+    pose = START
+
+    def walkers(self):
+        x, y = transform_points(inverse(self.pose), np.array([[6.0, 5.1]]))[0]
+        return np.array([[x, y, 0.25]])
+
+
+def test_who_walks_is_not_mapped_while_the_robot_turns_either():
+    body = disc_body()
+    person = np.vstack([room(20.0, 12.0), [[5.8, 4.9, 6.2, 5.3]]])
+    for policy, state in ((DynamicWindow(body, LIDAR), 1), (Seeing(body, LIDAR), 0)):
+        navigator = Navigator(body, LIDAR, policy)
+        navigator.reset(START, GOAL)
+        Seeing.pose = START
+        for k in range(40):
+            turned = Pose2(0.0, 0.0, 0.06 * k)  # 1.8 rad/s
+            pose = compose(START, turned)
+            navigator.step(scan_of(person, pose, k * DT), Odometry(k * DT, turned, Twist2(0.0, 0.0, 1.8)))
+            Seeing.pose = pose  # what it knows is of this scan
+        grid = navigator.slam.navigation_grid
+        beside = [grid.state(5.81, y) for y in np.arange(4.925, 5.3, 0.05)]
+        assert max(beside) == state
 
 
 def test_who_was_last_seen_in_the_only_way_on_is_not_there_for_ever():

@@ -153,25 +153,27 @@ def test_who_walks_does_not_bar_a_way():
 
 def test_small_things_that_have_not_been_seen_lately_may_have_walked_away():
     picture = hall(60, 40)
-    picture[20, 10:13] = "#"  # 0.3 m long
-    picture[10, 10:26] = "#"  # 1.6 m: no walker
-    grid, robot, spot, bar = as_grid(picture), (1.5, 1.0), (1.15, 1.95), (1.15, 2.95)
-    box = np.array([1.0, 1.0, 5.0, 5.0])
-
-    def state(costmap: Costmap, x: float, y: float) -> int:
-        return int(costmap.state[costmap.cell(x, y)])
+    grid, robot, box = as_grid(picture), (1.5, 1.0), np.array([1.0, 1.0, 5.0, 5.0])
+    spot, bar = np.arange(1.025, 3.95, 0.05), np.arange(1.025, 3.95, 0.05)
+    spot, bar = spot[:30], bar[:32]  # 1.5 m and 1.6 m
 
     def scan(*ends: tuple[float, float]) -> None:
         points = np.array(ends)
         grid.insert(Pose2(2.5, 2.5, 0.0), points, len(points), np.full(len(points), 9.0), box)
 
-    scan(*((x + 0.025, y) for x in np.arange(1.0, 1.3, 0.05) for y in (1.925, 1.975)), bar)
-    for scans, expected in ((59, 2), (2, 1)):  # the memory is 60 scans
+    def occupied(y: float, *, doubting: bool) -> list[bool]:
+        """In the state that frontiers are looked for in, and in the weights that paths are led by."""
+        costmap = Costmap(grid, 0.3, robot, CostmapConfig(), doubting=doubting)
+        i, j = costmap.cell(1.85, y)
+        return [costmap.state[i, j] == 2, costmap.clearance[i, j] == 0]
+
+    for _ in range(4):
+        scan(*((x, 1.975) for x in spot), *((x, 2.975) for x in bar))
+    for scans, gone in ((59, False), (2, True)):  # the memory is 60 scans
         for _ in range(scans):
             scan((5.0, 3.0))
-        costmap = Costmap(grid, 0.3, robot, CostmapConfig(), doubting=True)
-        assert state(costmap, *spot) == expected
-        assert state(costmap, *bar) == 2
-        assert state(Costmap(grid, 0.3, robot, CostmapConfig()), *spot) == 2  # as a rule nothing is doubted
-    scan(spot)
-    assert state(Costmap(grid, 0.3, robot, CostmapConfig(), doubting=True), *spot) == 2  # seen again
+        assert occupied(1.975, doubting=True) == [True, not gone]
+        assert occupied(2.975, doubting=True) == [True, True]
+        assert occupied(1.975, doubting=False) == [True, True]  # as a rule nothing is doubted
+    scan((1.825, 1.975))
+    assert occupied(1.975, doubting=True) == [True, True]  # seen again, a part of it

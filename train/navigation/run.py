@@ -79,7 +79,7 @@ class Training:
         if run.collector != "local":
             contract["collector"] = run.collector
         if run.sources:
-            contract["sources"] = {path.stem: hashlib.sha256(path.read_bytes()).hexdigest() for path in run.sources}
+            contract["sources"] = [[path.stem, hashlib.sha256(path.read_bytes()).hexdigest()] for path in run.sources]
         config = out / "config.json"
         if (out / CHECKPOINT).exists():
             if not resume:

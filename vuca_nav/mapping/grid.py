@@ -53,7 +53,7 @@ class OccupancyGrid:
         self.resolution = config.resolution
         cells = 4 * round(config.block / config.resolution)
         self.level: NDArray[np.int8] = np.zeros((cells, cells), np.int8)
-        self._scan_of_last_update = np.zeros((cells, cells), np.int16)
+        self._scan_of_last_update = np.zeros((cells, cells), np.int32)
         self._scan_index = 0
         half = 0.5 * cells * config.resolution
         step = config.resolution
@@ -98,8 +98,8 @@ class OccupancyGrid:
             return 0
         return int(np.sign(self.level[i, j]))
 
-    def not_seen_for(self, scans: int) -> NDArray[np.bool_]:
-        """Cells that a scan has updated, but none of the last so many, (rows, columns)."""
+    def not_updated_for(self, scans: int) -> NDArray[np.bool_]:
+        """Cells that a scan has hit or changed, but none of the last so many, (rows, columns)."""
         return (self._scan_of_last_update > 0) & (self._scan_of_last_update < self._scan_index - scans)
 
     def cover(self, x_min: float, y_min: float, x_max: float, y_max: float) -> None:
@@ -151,9 +151,6 @@ class OccupancyGrid:
         """
         self._include(float(box[0]), float(box[1]), float(box[2]), float(box[3]))
         self._scan_index += 1
-        if self._scan_index == 32767:
-            self._scan_of_last_update[:] = 0
-            self._scan_index = 1
         _insert(
             self.level,
             self._scan_of_last_update,

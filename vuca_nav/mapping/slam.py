@@ -57,7 +57,7 @@ class SlamEstimate:
     score: float
     """Of the match, 0 to 1; 1 where none was made."""
     points_in_map: FloatArray
-    """(n, 2) the scan's returns [m]; valid until the next scan."""
+    """(n, 2) the scan's returns but for those of who walks [m]; valid until the next scan."""
 
 
 class Slam:
@@ -100,8 +100,8 @@ class Slam:
         Args:
             scan: The lidar's latest.
             odometry: The body's, at the same time.
-            walkers: (k, 3) x, y in base_link and radius of what is known to move [m]: it is no landmark, and has no
-                place in a map. The beams that it returns empty the cells on their way, as others do.
+            walkers: (k, 3) x, y in the base_link of this scan and radius of what is known to move [m]: it is no
+                landmark, and has no place in a map. Beams that end on it empty the cells on their way, as others do.
         """
         config = self.config
         predicted = self._predict(odometry)
@@ -175,32 +175,31 @@ def _beam_ends(ranges, beams, min_range, max_range, neighbours, thickness, walke
     its left and right show.
     """
     n = ranges.shape[0]
-    count = 0
-    for k in range(n):
-        r = ranges[k]
-        if min_range <= r < max_range and not _is_of_walker(r * beams[k, 0], r * beams[k, 1], walkers, margin):
-            ends[count, 0] = r * beams[k, 0]
-            ends[count, 1] = r * beams[k, 1]
+    count = num_hits = 0
+    for walks in (False, True):
+        for k in range(n):
+            r = ranges[k]
+            if not min_range <= r < max_range:
+                continue
+            x, y = r * beams[k, 0], r * beams[k, 1]
+            if _is_of_walker(x, y, walkers, margin) != walks:
+                continue
+            ends[count, 0], ends[count, 1] = x, y
             # The more grazing of the angles to the returns on either side: beyond a wall's end there may be none.
             sine = 1.0
             for d in (-3, 3):
                 j = (k + d) % n
                 if ranges[j] < max_range:
-                    tx = ranges[j] * beams[j, 0] - ends[count, 0]
-                    ty = ranges[j] * beams[j, 1] - ends[count, 1]
+                    tx = ranges[j] * beams[j, 0] - x
+                    ty = ranges[j] * beams[j, 1] - y
                     cross = abs(beams[k, 0] * ty - beams[k, 1] * tx)
                     sine = min(sine, cross / max(math.hypot(tx, ty), 1e-9))
             grazed[count] = thickness / max(sine, 0.04)
             count += 1
-    num_hits = count
+        if not walks:
+            num_hits = count
     for k in range(n):
-        r = ranges[k]
-        if min_range <= r < max_range and _is_of_walker(r * beams[k, 0], r * beams[k, 1], walkers, margin):
-            ends[count, 0] = r * beams[k, 0]
-            ends[count, 1] = r * beams[k, 1]
-            grazed[count] = 0.0
-            count += 1
-        elif r >= max_range:
+        if ranges[k] >= max_range:
             free = max_range
             for d in range(-neighbours, neighbours + 1):
                 free = min(free, ranges[(k + d) % n])

@@ -30,7 +30,7 @@ class CostmapConfig:
     walker_margin: float = 0.25
     """Around who walks, what the grid has occupied is taken for a part of him [m]."""
     memory: int = 60
-    """Small things that no beam has come near to for so many scans may have walked away: 2 s at 30 Hz."""
+    """Small things that so many scans have neither confirmed nor changed may have walked away: 2 s at 30 Hz."""
     small: float = 1.5
     """No larger than this, each way [m]."""
 
@@ -44,7 +44,7 @@ class Costmap:
         robot: Where it is in the map [m].
         config: Settings.
         walkers: (k, 3) x, y in the map and radius of what is known to move [m].
-        doubting: Leave out what may have walked away, too.
+        doubting: Lead paths through what may have walked away, too. What it hid is not a frontier for that.
 
     Attributes:
         state: (rows, columns) int8 of UNKNOWN, FREE, OCCUPIED.
@@ -79,12 +79,14 @@ class Costmap:
         self.radius = radius
         level = grid.level[i0:i1, j0:j1]
         self.state: NDArray[np.int8] = _coarsen(level, config.downsample)
-        if doubting:
-            certain = (level > 0) & ~grid.not_seen_for(config.memory)[i0:i1, j0:j1]
-            _forget(self.state, certain, config.downsample, max(1, round(config.small / step)))
         _leave_out(self.state, self.origin, step, walkers, config.walker_margin)
+        passable = self.state
+        if doubting:
+            passable = self.state.copy()
+            certain = (level > 0) & ~grid.not_updated_for(config.memory)[i0:i1, j0:j1]
+            _forget(passable, certain, config.downsample, max(1, round(config.small / step)))
         cap = math.ceil(config.comfort / step * 5.0) + 5
-        self.clearance: NDArray[np.int16] = _chamfer(self.state, cap)
+        self.clearance: NDArray[np.int16] = _chamfer(passable, cap)
         # An occupied cell's surface is half a cell nearer than its centre.
         lethal = (radius + config.margin + 0.5 * step) / step * 5.0
         comfort = max(config.comfort / step * 5.0, lethal + 1.0)
@@ -92,7 +94,7 @@ class Costmap:
         robot_i, robot_j = self.cell(*robot)
         self.escape_weight = int(self.UNIT * 2.0 * (1.0 + config.comfort_weight))
         self.weight: NDArray[np.int16] = _weigh(
-            self.state,
+            passable,
             self.clearance,
             lethal,
             comfort,
