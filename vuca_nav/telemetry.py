@@ -94,7 +94,7 @@ class Telemetry:
     # -- the stack's side: what it knows and wants -------------------------------------------------
 
     def scan(self, scan: Scan, points_in_map: FloatArray) -> None:
-        """The returns of one scan as the stack places them, but for those of who walks, (n, 2) [m]."""
+        """The returns of one scan as the stack places them, (n, 2) [m]."""
 
     def estimated_pose(self, map_from_base: Pose2, map_from_base_by_odometry: Pose2) -> None:
         """Where SLAM, and where dead reckoning, believes the robot is."""

@@ -302,7 +302,7 @@ def test_who_walks_has_no_place_in_the_map():
         assert grid.state(3.81, 3.0) == state  # his near side is what is seen
         assert grid.state(3.7, 3.0) == -1  # on the way to him it is free all the same
         assert grid.state(6.01, 5.0) == 1  # the wall is where it was
-        assert bool((np.abs(estimate.points_in_map - (3.8, 3.0)) < 0.1).all(1).any()) is (state == 1)
+        assert (np.abs(estimate.points_in_map - (3.8, 3.0)) < 0.1).all(1).any()  # to be seen in a recording
 
 
 def test_a_phantom_before_a_wall_does_not_wash_it_away():

@@ -57,7 +57,7 @@ class SlamEstimate:
     score: float
     """Of the match, 0 to 1; 1 where none was made."""
     points_in_map: FloatArray
-    """(n, 2) the scan's returns but for those of who walks [m]; valid until the next scan."""
+    """(n, 2) the scan's returns [m]; valid until the next scan."""
 
 
 class Slam:
@@ -115,7 +115,7 @@ class Slam:
             config.highest,
             self._ranges,
         )
-        num_hits, num_ends = _beam_ends(
+        num_hits, num_returns, num_ends = _beam_ends(
             self._ranges,
             self._beams_in_base,
             self.lidar.min_range,
@@ -140,7 +140,7 @@ class Slam:
             self.matching_grid.insert(pose, ends_in_map, num_hits, self._grazed, self._box)
             self._inserted_at, self._inserted_stamp = pose, scan.stamp
         self._num_scans += 1
-        return SlamEstimate(pose, score, ends_in_map[:num_hits])
+        return SlamEstimate(pose, score, ends_in_map[:num_returns])
 
     def _predict(self, odometry: Odometry) -> Pose2:
         previous, self._odom_from_base = self._odom_from_base, odometry.odom_from_base
@@ -169,7 +169,7 @@ def _level(ranges, beams, up_x, up_y, max_range, lowest, highest, levelled):
 
 @njit(cache=True)
 def _beam_ends(ranges, beams, min_range, max_range, neighbours, thickness, walkers, margin, ends, grazed):
-    """Returns first, then the ends of beams that met nothing or a walker; how many returns, and of both in all.
+    """What stands, who walks, and the ends of beams that met nothing; how many of the first, of two, of all three.
 
     ``grazed`` becomes the last part of each beam that runs within ``thickness`` of the surface which the returns to
     its left and right show.
@@ -198,6 +198,7 @@ def _beam_ends(ranges, beams, min_range, max_range, neighbours, thickness, walke
             count += 1
         if not walks:
             num_hits = count
+    num_returns = count
     for k in range(n):
         if ranges[k] >= max_range:
             free = max_range
@@ -208,7 +209,7 @@ def _beam_ends(ranges, beams, min_range, max_range, neighbours, thickness, walke
                 ends[count, 1] = free * beams[k, 1]
                 grazed[count] = 0.0
                 count += 1
-    return num_hits, count
+    return num_hits, num_returns, count
 
 
 @njit(cache=True)
