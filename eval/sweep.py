@@ -96,7 +96,7 @@ def draw(panels: dict[str, dict[str, list[Point]]], path: Path) -> None:
             axes.errorbar(at, [100 * r for r in rate], yerr=[below, above], marker="o", capsize=3, label=name)
         axes.set(xlabel="moving obstacles", ylabel=f"{show} [%], 95% intervals", ylim=(0, 100))
         axes.grid(alpha=0.3)
-        axes.legend()
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.15), ncols=2, frameon=False)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path, dpi=100)
