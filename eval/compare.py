@@ -5,8 +5,6 @@ taken in pairs; those that only one of two evaluations has yet are left out.
 """
 
 import json
-import sys
-from collections.abc import Hashable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -16,7 +14,8 @@ import tyro
 
 from eval.statistics import paired_difference
 from eval.store import Row
-from vuca_nav.errors import BadArgument, VucaError
+from vuca_nav.cli import run_module
+from vuca_nav.errors import BadArgument
 
 SHOWN = ("success", "collision", "timeout")
 EPISODE = ("world", "region", "movers", "without", "robot", "start", "goal", "seed")
@@ -33,7 +32,7 @@ class CompareArguments:
     """Only the seeds from the first to before the second."""
 
 
-def read_episodes(folder: Path, seeds: tuple[int, int] | None = None) -> dict[Hashable, Row]:
+def read_episodes(folder: Path, seeds: tuple[int, int] | None = None) -> dict[str, Row]:
     """The episodes of an evaluation, by what makes them the same.
 
     Raises:
@@ -44,7 +43,7 @@ def read_episodes(folder: Path, seeds: tuple[int, int] | None = None) -> dict[Ha
         rows = [json.loads(line) for line in path.read_text().splitlines()]
         if seeds is not None:
             rows = [row for row in rows if seeds[0] <= row["seed"] < seeds[1]]
-        episodes: dict[Hashable, Row] = {json.dumps([row[key] for key in EPISODE]): row for row in rows}
+        episodes: dict[str, Row] = {json.dumps([row[key] for key in EPISODE]): row for row in rows}
         if not all(isinstance(row["outcome"], str) for row in rows):
             raise ValueError("outcomes must be text")
     except (OSError, ValueError, KeyError, TypeError) as error:
@@ -63,7 +62,7 @@ class Differences(NamedTuple):
     """Of the share of each outcome the difference, and the ends of its 95% interval."""
 
 
-def compare(first: dict[Hashable, Row], second: dict[Hashable, Row]) -> dict[str, Differences]:
+def compare(first: dict[str, Row], second: dict[str, Row]) -> dict[str, Differences]:
     """Paired differences, second less first.
 
     Args:
@@ -76,7 +75,7 @@ def compare(first: dict[Hashable, Row], second: dict[Hashable, Row]) -> dict[str
     Raises:
         BadArgument: They have no episode in common.
     """
-    tasks: dict[str, list[Hashable]] = {}
+    tasks: dict[str, list[str]] = {}
     for key in first:
         if key in second:
             tasks.setdefault(_task(first[key]), []).append(key)
@@ -123,8 +122,4 @@ def main(arguments: CompareArguments) -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main(tyro.cli(CompareArguments, config=(tyro.conf.FlagCreatePairsOff,)))
-    except VucaError as error:
-        print(f"compare: {error}", file=sys.stderr)
-        sys.exit(2)
+    run_module("compare", main, CompareArguments)

@@ -5,7 +5,6 @@ robot and method in them.
 """
 
 import json
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +13,8 @@ import tyro
 from eval.episode import OUTCOMES
 from eval.statistics import wilson_interval
 from eval.store import Row
-from vuca_nav.errors import BadArgument, UnknownName, VucaError
+from vuca_nav.cli import run_module
+from vuca_nav.errors import BadArgument, UnknownName
 
 
 @dataclass(frozen=True)
@@ -116,8 +116,4 @@ def main(arguments: SweepArguments) -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main(tyro.cli(SweepArguments))
-    except VucaError as error:
-        print(f"sweep: {error}", file=sys.stderr)
-        sys.exit(2)
+    run_module("sweep", main, SweepArguments)

@@ -72,6 +72,23 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 1
 
 
+def run_module(name: str, main: Callable[[Arguments], object], kind: type[Arguments]) -> None:
+    """What ``python -m`` of a module with a single command does; bad input ends with the same exit code as elsewhere.
+
+    Args:
+        name: For messages.
+        main: The command.
+        kind: Its arguments, a dataclass.
+    """
+    import tyro
+
+    try:
+        main(tyro.cli(kind, config=(tyro.conf.FlagCreatePairsOff,)))
+    except VucaError as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        sys.exit(EXIT_BAD_INPUT)
+
+
 def parse(kind: type[Arguments], command: str, argv: list[str]) -> Arguments:
     """The command's arguments as a frozen dataclass.
 

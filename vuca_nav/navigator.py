@@ -132,7 +132,9 @@ class Navigator:
             The command to hold until the next tick.
         """
         telemetry = self.telemetry
-        estimate = self.slam.update(scan, odometry, self._walkers(odometry))
+        before = self._odom_from_before  # when the policy looked last
+        now_from_before = STANDING if before is None else between(odometry.odom_from_base, before)
+        estimate = self.slam.update(scan, odometry, self._walkers(now_from_before))
         pose = estimate.map_from_base
         telemetry.estimated_pose(pose, compose(self.start, odometry.odom_from_base))
         telemetry.scan(scan, estimate.points_in_map)
@@ -146,13 +148,10 @@ class Navigator:
         self._tick += 1
         return command
 
-    def _walkers(self, odometry: Odometry) -> FloatArray:
-        """Who the policy knew to walk at the last tick, in the base_link of this one, (k, 3)."""
-        walkers = self.policy.walkers().copy()
-        if self._odom_from_before is not None:
-            now_from_before = between(odometry.odom_from_base, self._odom_from_before)
-            walkers[:, :2] = transform_points(now_from_before, walkers[:, :2])
-        return walkers
+    def _walkers(self, frame_from_base: Pose2) -> FloatArray:
+        """Who the policy knows to walk, in the frame that a pose of the base is given in, (k, 3) x, y, radius [m]."""
+        walkers = self.policy.walkers()
+        return np.column_stack([transform_points(frame_from_base, walkers[:, :2]), walkers[:, 2]])
 
     def _observation(self, scan: Scan, odometry: Odometry, pose: Pose2) -> LocalObservation:
         """What the local policy may look at, with the waypoint as it is before the cerebrum reconsiders it."""
@@ -195,13 +194,13 @@ class Navigator:
         if target is not None and not paths.reaches(*target.approach):
             reason = "no path leads to the target"
         if reason is not None or target is None:
-            last, before = target, target.point if target is not None else None
+            last = target
             target = self.explorer.choose(now, grid, costmap, paths, pose)
             if target is None:  # somebody may have been seen to stand in the way, and have left it unseen
                 costmap, paths = self._survey(pose, doubting=True)
                 self.explorer.target = last  # it is known to be preferred
                 target = self.explorer.choose(now, grid, costmap, paths, pose)
-            if target is not None and target.point != before:
+            if target is not None and (last is None or target.point != last.point):
                 what = "the goal" if target.is_goal else f"({target.point[0]:.1f}, {target.point[1]:.1f})"
                 telemetry.event(f"{reason}: now heading for {what}")
         if target is not None:
@@ -217,9 +216,8 @@ class Navigator:
 
     def _survey(self, pose: Pose2, *, doubting: bool = False) -> tuple[Costmap, PathField]:
         """What the map means to this body, and its ways in it."""
-        walkers, position = self.policy.walkers().copy(), (pose.x, pose.y)
-        walkers[:, :2] = transform_points(pose, walkers[:, :2])
-        costmap = Costmap(self.slam.navigation_grid, self.body.radius, position, self.config.costmap, walkers, doubting)
+        grid, position, walkers = self.slam.navigation_grid, (pose.x, pose.y), self._walkers(pose)
+        costmap = Costmap(grid, self.body.radius, position, self.config.costmap, walkers, doubting)
         return costmap, PathField(costmap, position)
 
     def _is_stuck(self, pose: Pose2) -> bool:

@@ -1,4 +1,6 @@
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -71,3 +73,11 @@ def test_the_table_is_printed(tmp_path, capsys):
     a, b = (evaluation(tmp_path / name, ["success", "collision"]) for name in "ab")
     main(CompareArguments((a, b)))
     assert "`b` less `a`" in capsys.readouterr().out
+
+
+def test_a_mistake_is_a_line_and_exit_code_2(tmp_path):
+    command = [sys.executable, "-m", "eval.compare", str(tmp_path / "none"), str(tmp_path / "other")]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert result.returncode == 2
+    assert result.stderr.startswith("compare: ")
+    assert result.stderr.count("\n") == 1

@@ -4,7 +4,6 @@
 """
 
 import json
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,7 +22,8 @@ from train.arena.local_policies import ArenaPolicies
 from train.arena.shielding import ArenaShield
 from train.navigation.networks import FusedActor
 from train.navigation.weights import actor_of
-from vuca_nav.errors import BadArgument, VucaError
+from vuca_nav.cli import run_module
+from vuca_nav.errors import BadArgument
 from vuca_nav.policy.dwa import DynamicWindow
 from vuca_nav.policy.observation import ObservationConfig
 from vuca_nav.policy.weights_file import PolicyWeights, load_weights
@@ -279,8 +279,4 @@ def main(arguments: EvaluateArguments) -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main(tyro.cli(EvaluateArguments, config=(tyro.conf.FlagCreatePairsOff,)))
-    except VucaError as error:
-        print(f"evaluate: {error}", file=sys.stderr)
-        sys.exit(2)
+    run_module("evaluate", main, EvaluateArguments)

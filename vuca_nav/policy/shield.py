@@ -201,7 +201,7 @@ class Shield(LocalPolicy):
             return NOBODY
         things = self._things[: self._tracker.things(0, self._things)]
         moving = things[: what_moves(things, self._config.moving, self._config.certain, things)]
-        return np.ascontiguousarray(moving[:, [0, 1, 4]])
+        return moving[:, [0, 1, 4]]
 
     def command(self, observation: LocalObservation) -> VelocityCommand:
         """The policy's command, or the one that costs least."""
