@@ -2,12 +2,14 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from robots.locomotion.odometry import LegOdometer
 from robots.noise import NoiseConfig
 from robots.sensors import LidarNoise, WheelOdometer
 from robots.simulation import Simulation
 from tests.robots.halls import hall
-from vuca_nav.geometry import between
+from vuca_nav.geometry import between, wrap_angle
 from vuca_nav.types import LidarSpec, Pose2, VelocityCommand
 
 DT = 1.0 / 60.0
@@ -61,6 +63,23 @@ def test_a_straight_line_and_a_circle_by_hand():
         circle.update(5.0 * i * DT, 15.0 * i * DT, math.pi / 2.0)
     x, y, _ = circle.odometry(4.0).odom_from_base
     assert math.hypot(x, y) < 1e-9  # a full turn
+
+
+def test_a_leaning_body_heads_where_its_x_axis_points():
+    # It spins, pitches and rolls at once; the spin about the vertical alone would be some degrees off.
+    dt, world_from_base = 1e-3, Rotation.identity()
+    odometer = LegOdometer(NoiseConfig.none(), np.random.default_rng(0), dt)
+    odometer.start()
+    furthest = 0.0
+    for i in range(4000):
+        t = (i + 0.5) * dt
+        omega = np.array([1.5 * math.cos(3.0 * t), 1.2 * math.cos(2.0 * t + 0.5), 0.4 * math.sin(t)])
+        world_from_base = world_from_base * Rotation.from_rotvec(omega * dt)
+        matrix = world_from_base.as_matrix()
+        odometer.update(np.zeros(2), omega, matrix[2])
+        heading = math.atan2(matrix[1, 0], matrix[0, 0])
+        furthest = max(furthest, abs(wrap_angle(odometer.odometry(t).odom_from_base.yaw - heading)))
+    assert furthest < 2e-3
 
 
 def test_scale_errors_and_bias_have_the_size_that_is_configured():
