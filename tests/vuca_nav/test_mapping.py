@@ -263,6 +263,21 @@ def test_a_leaning_body_maps_neither_the_floor_nor_what_it_looks_over():
     assert slam.navigation_grid.state(0.02, 1.0) == -1
 
 
+@given(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3))
+@settings(max_examples=25, deadline=None)
+def test_a_leaning_body_sees_walls_where_they_are(roll, pitch):
+    # Walls of any height 1 m ahead and behind, 0.8 m left and right; what is above or below the band is left out.
+    angles = LIDAR.angles_in_base()
+    up = (-math.sin(pitch), math.sin(roll) * math.cos(pitch), math.cos(roll) * math.cos(pitch))
+    x = np.cos(angles) * math.cos(pitch) + np.sin(angles) * math.sin(roll) * math.sin(pitch)
+    y = np.sin(angles) * math.cos(roll)
+    ranges = np.minimum(1.0 / np.maximum(abs(x), 1e-9), 0.8 / np.maximum(abs(y), 1e-9))
+    estimate = Slam(LIDAR).update(Scan(0.0, ranges), Odometry(0.0, Pose2(0.0, 0.0, 0.0), REST, up))
+    ends = estimate.points_in_map
+    assert len(ends) > 50
+    assert np.maximum(abs(ends[:, 0]), abs(ends[:, 1]) / 0.8) == pytest.approx(1.0)
+
+
 def test_dropped_beams_do_not_open_walls():
     boxes = room(6.0, 6.0)
     slam = Slam(LIDAR)

@@ -69,6 +69,7 @@ class Slam:
         angles = lidar.angles_in_base()
         self._beams_in_base = np.column_stack([np.cos(angles), np.sin(angles)])
         self._ranges = np.zeros(lidar.num_beams)
+        self._level_beams = self._beams_in_base.copy()
         self._ends_in_base = np.zeros((lidar.num_beams, 2))
         self._ends_in_map = np.zeros((lidar.num_beams, 2))
         self._grazed = np.zeros(lidar.num_beams)
@@ -108,16 +109,16 @@ class Slam:
         _level(
             scan.ranges,
             self._beams_in_base,
-            odometry.up[0],
-            odometry.up[1],
+            odometry.up,
             self.lidar.max_range,
             (config.lowest - 1.0) * self.lidar.height,
             config.highest,
             self._ranges,
+            self._level_beams,
         )
         num_hits, num_returns, num_ends = _beam_ends(
             self._ranges,
-            self._beams_in_base,
+            self._level_beams,
             self.lidar.min_range,
             self.lidar.max_range,
             config.neighbours,
@@ -159,12 +160,24 @@ class Slam:
 
 
 @njit(cache=True)
-def _level(ranges, beams, up_x, up_y, max_range, lowest, highest, levelled):
-    """Ranges over ground of a scan taken leaning; nan where a beam ended below or above the band about the lidar."""
+def _level(ranges, beams, up, max_range, lowest, highest, levelled, level_beams):
+    """A scan taken leaning, seen from above: ranges over ground, and directions from where base_link heads.
+
+    Ranges are nan where a beam ended below or above the band about the lidar.
+    """
+    up_x, up_y, up_z = up
+    level = up_x == 0.0 and up_y == 0.0
+    ahead = math.sqrt(max(1.0 - up_x * up_x, 1e-6))
     for k in range(ranges.shape[0]):
         rise = up_x * beams[k, 0] + up_y * beams[k, 1]
         end = rise * min(ranges[k], max_range)
         levelled[k] = ranges[k] * math.sqrt(1.0 - rise * rise) if lowest <= end <= highest else math.nan
+        x, y = beams[k, 0], beams[k, 1]
+        if not level:
+            x, y = ahead * x - up_x * up_y / ahead * y, up_z / ahead * y
+            length = math.sqrt(x * x + y * y)
+            x, y = x / length, y / length
+        level_beams[k, 0], level_beams[k, 1] = x, y
 
 
 @njit(cache=True)
