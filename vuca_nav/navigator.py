@@ -199,7 +199,7 @@ class Navigator:
             if target is None:  # somebody may have been seen to stand in the way, and have left it unseen
                 costmap, paths = self._survey(pose, doubting=True)
                 self.explorer.target = last  # it is known to be preferred
-                target = self.explorer.choose(now, grid, costmap, paths, pose)
+                target = self.explorer.choose(now, grid, costmap, paths, pose, forgiving=True)
             if target is not None and (last is None or target.point != last.point):
                 what = "the goal" if target.is_goal else f"({target.point[0]:.1f}, {target.point[1]:.1f})"
                 telemetry.event(f"{reason}: now heading for {what}")

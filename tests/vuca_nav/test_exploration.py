@@ -182,14 +182,15 @@ def test_a_given_up_target_is_left_out_until_it_expires():
     assert third.point == first.point
 
 
-def test_if_all_are_given_up_they_are_tried_again():
+def test_only_the_forgiving_try_again_when_all_are_given_up():
     grid, costmap, field = view(two_doors())
     explorer = Explorer()
     explorer.reset((20.0, 2.0))
     for k in range(2):
         assert explorer.choose(float(k), grid, costmap, field, HERE)
         explorer.give_up(float(k))
-    assert explorer.choose(3.0, grid, costmap, field, HERE) is not None
+    assert explorer.choose(3.0, grid, costmap, field, HERE) is None
+    assert explorer.choose(3.0, grid, costmap, field, HERE, forgiving=True) is not None
 
 
 def test_the_four_triggers():

@@ -108,7 +108,14 @@ class Explorer:
         self.target = None
 
     def choose(
-        self, now: float, grid: OccupancyGrid, costmap: Costmap, paths: PathField, map_from_base: Pose2
+        self,
+        now: float,
+        grid: OccupancyGrid,
+        costmap: Costmap,
+        paths: PathField,
+        map_from_base: Pose2,
+        *,
+        forgiving: bool = False,
     ) -> Target | None:
         """Choose anew.
 
@@ -118,9 +125,10 @@ class Explorer:
             costmap: Made from it.
             paths: From the robot over the costmap.
             map_from_base: Where the robot is.
+            forgiving: Better to try again what is blacklisted than to give up.
 
         Returns:
-            The new target, or None if nothing can be reached.
+            The new target, or None if nothing can be reached but what is blacklisted.
         """
         config = self.config
         self._chosen_at, self._entropy = now, grid.entropy
@@ -136,8 +144,8 @@ class Explorer:
         points, approach, lengths = found
         if len(points):
             keep = ~self._is_blacklisted(points)
-            if not keep.any() and self._blacklist:
-                self._blacklist = []  # better to try again than to give up
+            if forgiving and not keep.any():
+                self._blacklist = []
                 keep[:] = True
             points, approach, lengths = points[keep], approach[keep], lengths[keep]
         if not len(points):
