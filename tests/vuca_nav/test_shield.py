@@ -224,13 +224,15 @@ def test_the_room_around_discs_is_known():
     assert room_around(field, 0.05, 2.0, ahead, 0.025, 0.0, 1.0, 0.0) == pytest.approx(0.8 - 0.3)
 
 
-def test_the_planner_is_told_who_walks():
-    body = disc_body()
+@pytest.mark.parametrize("speed", [0.2, 0.8])  # the factory's slowest and fastest
+def test_the_planner_is_told_who_walks(speed):
+    body, ticks = disc_body(), round(1.6 / speed / DT)
     shield = Shield(body, LIDAR, Stubborn(STOP))
     shield.reset()
-    for k in range(60):
-        ranges = ranges_to_boxes(np.vstack([crossing(k * DT), [[3.0, 4.5, 3.3, 4.8]]]), Pose2(4.0, 2.6, 0.0))
+    for k in range(ticks):
+        boxes = np.vstack([crossing(speed / 0.8 * k * DT), [[3.0, 4.5, 3.3, 4.8]]])
+        ranges = ranges_to_boxes(boxes, Pose2(4.0, 2.6, 0.0))
         shield.look(LocalObservation(Scan(k * DT, ranges), (5.0, 0.0), False, Twist2(0, 0, 0)))
     (walker,) = shield.walkers()  # not the block that stands there
-    assert walker[:2] == pytest.approx((2.0, 1.0 + 0.8 * 59 * DT - 2.6), abs=0.12)
+    assert walker[:2] == pytest.approx((2.0, 1.0 + 1.6 - 2.6), abs=0.12)
     assert 0.1 <= walker[2] <= 0.3

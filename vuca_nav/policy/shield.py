@@ -54,6 +54,8 @@ class ShieldConfig:
     """Cost of changing v_y by its limit."""
     moving: float = 0.25
     """Slower things stand [m/s]."""
+    walking: float = 0.12
+    """Slower things have a place in the map, since they will still be there [m/s]."""
     certain: float = 0.6
     """What is followed with less certainty stands: seen in a row three times it has more."""
     sight: float = 8.0
@@ -200,7 +202,7 @@ class Shield(LocalPolicy):
         if self._fresh[0]:
             return NOBODY
         things = self._things[: self._tracker.things(0, self._things)]
-        moving = things[: what_moves(things, self._config.moving, self._config.certain, things)]
+        moving = things[: what_moves(things, self._config.walking, self._config.certain, things)]
         return moving[:, [0, 1, 4]]
 
     def command(self, observation: LocalObservation) -> VelocityCommand:
