@@ -42,6 +42,8 @@ _WARM = PpoConfig(first_rate=6e-4, critic_first=10)
 _SECOND = PpoConfig(horizon=64, minibatch=4096, first_rate=6e-4, last_rate=5e-5, entropy=0.0, critic_first=10)
 _SECOND_FROM_SCRATCH = PpoConfig(horizon=64, minibatch=4096, first_rate=1e-3, last_rate=5e-5)
 _FOUR = NetworkConfig(experts=4, initial_std=0.25)
+_CAREFUL = ArenaConfig(static=0.25, dynamic=0.15, mixed=0.15, square=0.05, corridor=0.4, mover_speeds=(0.2, 1.5))
+"""More of where most collisions are: corridors, with movers as slow as the factory's among them."""
 _COPIES = ("go_straight", "obstacle_avoidance", "go_straight", "obstacle_avoidance")
 
 
@@ -82,15 +84,15 @@ _ALL = (
     StageConfig(
         name="single_plus",
         about="One network that sees tracks of what moves, trained on from base_plus as long as fusion_plus is.",
-        rewards="fusion", arena=ArenaConfig(), observation=_TRACKED,
-        network=NetworkConfig(initial_std=0.25), ppo=_SECOND, steps=10_000_000, sources=("base_plus",),
+        rewards="careful", arena=_CAREFUL, observation=_TRACKED,
+        network=NetworkConfig(initial_std=0.25), ppo=_SECOND, steps=20_000_000, sources=("base_plus",),
     ),
     StageConfig(
         name="fusion_plus",
         about="Four copies of base_plus, fused by a gate that is first taught which skill is called for and then paid "
         "for making up its mind.",
-        rewards="fusion", arena=ArenaConfig(), observation=_TRACKED, network=_FOUR,
-        ppo=replace(_SECOND, gate_information=0.02, teach_gate=True), steps=10_000_000, sources=("base_plus",) * 4,
+        rewards="careful", arena=_CAREFUL, observation=_TRACKED, network=_FOUR,
+        ppo=replace(_SECOND, gate_information=0.02, teach_gate=True), steps=20_000_000, sources=("base_plus",) * 4,
     ),
 )  # fmt: skip
 STAGES = {stage.name: stage for stage in _ALL}
