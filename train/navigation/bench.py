@@ -60,8 +60,13 @@ def compare(first: Callable[[], None], second: Callable[[], None], rounds: int =
     return best[0], best[1]
 
 
-def fused_against_separate(stage: StageConfig) -> tuple[float, float]:
-    """Forward and backward of the fused actor, and of its experts as networks of their own, ``BATCH`` rows [s]."""
+def fused_against_separate(stage: StageConfig, *, gate: bool) -> tuple[float, float]:
+    """Forward and backward of the fused layers, and of their experts as networks of their own, ``BATCH`` rows [s].
+
+    Args:
+        stage: Whose sizes.
+        gate: Compute the shares, too, by the gate; else they are given, and only their gradients computed.
+    """
     generator = torch.Generator().manual_seed(0)
     size, network = stage.observation.size, stage.network
     actor = FusedActor(size, network, generator)
@@ -69,9 +74,10 @@ def fused_against_separate(stage: StageConfig) -> tuple[float, float]:
     separate = [FusedActor(size, one, generator) for _ in range(network.experts)]
     x = torch.randn(BATCH, size, generator=generator)
     alone = torch.ones(BATCH, 1)
+    given = torch.rand(BATCH, network.experts, generator=generator).softmax(-1).requires_grad_()
 
     def fused() -> None:
-        actor.mean(x, actor.gate(x)).sum().backward()
+        actor.mean(x, actor.gate(x) if gate else given).sum().backward()
 
     def apart() -> None:
         torch.stack([expert.mean(x, alone) for expert in separate]).sum().backward()
@@ -144,11 +150,14 @@ def bench(arguments: BenchArguments) -> dict[str, float]:
     """All of it."""
     torch.set_num_threads(1)
     stage = find_stage(arguments.stage)
-    fused, separate = fused_against_separate(replace(stage, network=NetworkConfig(experts=4)))
+    four = replace(stage, network=NetworkConfig(experts=4))
+    fused, separate = fused_against_separate(four, gate=False)
+    gated, beside = fused_against_separate(four, gate=True)
     ours, bare = torchrl_against_bare(stage)
     collect, total = end_to_end(stage, arguments.iterations)
     return {
         "fused_ms": 1e3 * fused, "separate_ms": 1e3 * separate, "fused_over_separate": fused / separate,
+        "fused_and_gate_over_separate": gated / beside,
         "update_ms": 1e3 * ours, "bare_update_ms": 1e3 * bare, "update_over_bare": ours / bare,
         "collect_steps_per_second_a_core": collect, "steps_per_second_a_core": total,
     }  # fmt: skip
