@@ -4,6 +4,21 @@ import math
 
 from numba import njit
 
+from vuca_nav.types import FloatArray
+
+STEEPEST = 0.1
+"""Squared cosine of the pitch from which on the heading means nothing: 72 degrees."""
+
+
+def heading_rate(gyro: FloatArray, up: FloatArray) -> float:
+    """Of base_link's x axis seen from above [rad/s], which while leaning is not the spin about the vertical.
+
+    Args:
+        gyro: Angular velocity in base_link (3,) [rad/s].
+        up: The vertical in base_link (3,).
+    """
+    return float(gyro[1] * up[1] + gyro[2] * up[2]) / max(1.0 - float(up[0]) ** 2, STEEPEST)
+
 
 @njit(cache=True)
 def planar_pose(qpos):

@@ -13,7 +13,7 @@ import numpy as np
 from robots.body import Body
 from robots.clearance import FootprintClearance
 from robots.contacts import SceneContacts
-from robots.kinematics import place_mocap, place_planar, planar_pose, rotation_of
+from robots.kinematics import heading_rate, place_mocap, place_planar, planar_pose, rotation_of
 from robots.noise import NoiseConfig
 from robots.sensors import LidarNoise
 from vuca_nav.errors import BadArgument, VucaError
@@ -218,7 +218,10 @@ class Simulation:
         return scan, self._true_odometry() if self._perfect_odometry else self._bound.odometry(self.time)
 
     def _true_odometry(self) -> Odometry:
-        v_x, v_y, _, _, _, w_z = self._base_qvel.tolist()  # linear in the world, angular in the body
+        v_x, v_y = self._base_qvel[:2].tolist()  # in the world; the angular velocity is in the body
+        w, x, y, z = self._base_qpos[3:7].tolist()
+        up = np.array([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)])
+        w_z = heading_rate(self._base_qvel[3:], up)
         c, s = math.cos(self.true_pose.yaw), math.sin(self.true_pose.yaw)
         twist = Twist2(c * v_x + s * v_y, c * v_y - s * v_x, w_z)
         true = between(self.world.start, self.true_pose)

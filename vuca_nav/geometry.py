@@ -42,3 +42,15 @@ def transform_points(a_from_b: Pose2, points_in_b: FloatArray) -> FloatArray:
 def distance(a: Pose2 | tuple[float, float], b: Pose2 | tuple[float, float]) -> float:
     """Euclidean distance of two positions [m]."""
     return math.hypot(a[0] - b[0], a[1] - b[1])
+
+
+def levelling(up: tuple[float, float, float]) -> FloatArray:
+    """How what is seen by a leaning body lies on the floor: (2, 2) from x, y in base_link to ahead and left.
+
+    Ahead is where base_link's x axis points, seen from above (the yaw of ``Pose2``).
+
+    Args:
+        up: The vertical in base_link, a unit vector.
+    """
+    ahead = math.sqrt(max(1.0 - up[0] * up[0], 1e-6))
+    return np.array([[ahead, -up[0] * up[1] / ahead], [0.0, up[2] / ahead]])

@@ -8,7 +8,7 @@ import numpy as np
 from vuca_nav.errors import BadArgument
 from vuca_nav.exploration.explorer import Explorer, ExplorerConfig
 from vuca_nav.exploration.heuristic import NoCritic, SafetyCritic
-from vuca_nav.geometry import between, compose, distance, transform_points
+from vuca_nav.geometry import between, compose, distance, levelling, transform_points
 from vuca_nav.mapping.grid import OccupancyGrid
 from vuca_nav.mapping.slam import Slam, SlamConfig
 from vuca_nav.planning.costmap import Costmap, CostmapConfig
@@ -17,6 +17,10 @@ from vuca_nav.planning.waypoints import farthest_free_waypoint
 from vuca_nav.policy.base import STANDING, LocalObservation, LocalPolicy
 from vuca_nav.telemetry import Telemetry
 from vuca_nav.types import STOP, BodySpec, FloatArray, LidarSpec, Odometry, Pose2, Scan, VelocityCommand
+
+_RESORTS = ((False, False), (True, False), (False, True), (True, True))
+"""What is tried until there is something to head for: whether to doubt what has not been seen lately, for somebody may
+have been seen to stand in the way and have left it unseen; whether to try again what was given up."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +124,7 @@ class Navigator:
         self._moved_from = start
         self._moved_tick = 0
         self._odom_from_before: Pose2 | None = None
+        self._up = (0.0, 0.0, 1.0)
 
     def step(self, scan: Scan, odometry: Odometry) -> VelocityCommand:
         """One tick: localise and map; explore and plan when due; command.
@@ -139,6 +144,7 @@ class Navigator:
         telemetry.estimated_pose(pose, compose(self.start, odometry.odom_from_base))
         telemetry.scan(scan, estimate.points_in_map)
         seen = self._observation(scan, odometry, pose)
+        self._up = odometry.up
         self.policy.look(seen)
         self._cerebrum(scan.stamp, pose)
         config = self.config
@@ -149,9 +155,13 @@ class Navigator:
         return command
 
     def _walkers(self, frame_from_base: Pose2) -> FloatArray:
-        """Who the policy knows to walk, in the frame that a pose of the base is given in, (k, 3) x, y, radius [m]."""
+        """Who the policy knew to walk when it looked, in the frame that a pose of the base is given in.
+
+        (k, 3) x, y, radius [m].
+        """
         walkers = self.policy.walkers()
-        return np.column_stack([transform_points(frame_from_base, walkers[:, :2]), walkers[:, 2]])
+        level = walkers[:, :2] @ levelling(self._up).T
+        return np.column_stack([transform_points(frame_from_base, level), walkers[:, 2]])
 
     def _observation(self, scan: Scan, odometry: Odometry, pose: Pose2) -> LocalObservation:
         """What the local policy may look at, with the waypoint as it is before the cerebrum reconsiders it."""
@@ -195,11 +205,15 @@ class Navigator:
             reason = "no path leads to the target"
         if reason is not None or target is None:
             last = target
-            target = self.explorer.choose(now, grid, costmap, paths, pose)
-            if target is None:  # somebody may have been seen to stand in the way, and have left it unseen
-                costmap, paths = self._survey(pose, doubting=True)
+            certain, doubted = (costmap, paths), None
+            for doubting, forgiving in _RESORTS:
+                if doubting and doubted is None:
+                    doubted = self._survey(pose, doubting=True)
+                costmap, paths = doubted if doubting and doubted else certain
                 self.explorer.target = last  # it is known to be preferred
-                target = self.explorer.choose(now, grid, costmap, paths, pose, forgiving=True)
+                target = self.explorer.choose(now, grid, costmap, paths, pose, forgiving=forgiving)
+                if target is not None:
+                    break
             if target is not None and (last is None or target.point != last.point):
                 what = "the goal" if target.is_goal else f"({target.point[0]:.1f}, {target.point[1]:.1f})"
                 telemetry.event(f"{reason}: now heading for {what}")

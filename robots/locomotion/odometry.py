@@ -4,14 +4,13 @@ import math
 
 import numpy as np
 
+from robots.kinematics import heading_rate
 from robots.noise import NoiseConfig
 from vuca_nav.geometry import wrap_angle
 from vuca_nav.types import FloatArray, Odometry, Pose2, Twist2
 
 VELOCITY_GAIN = 0.3
 """Share by which the velocity estimate follows the standing legs each control step: a low-pass of 0.05 s."""
-STEEPEST = 0.1
-"""Squared cosine of the pitch from which on the heading means nothing: 72 degrees."""
 _BLOCK = 64
 """Samples whose noise is drawn at once."""
 _NUM_NORMAL = 29
@@ -105,8 +104,7 @@ class LegOdometer:
             gyro: As measured (3,) [rad/s].
             up: The vertical in base_link, as measured (3,).
         """
-        # Of base_link's x axis seen from above, which while leaning is not the spin about the vertical.
-        rate = float(gyro[1] * up[1] + gyro[2] * up[2]) / max(1.0 - float(up[0]) ** 2, STEEPEST)
+        rate = heading_rate(gyro, up)
         turn = 0.5 * (rate + self._rate) * self._dt
         middle = self._yaw + 0.5 * turn
         self._v_x, self._v_y = float(velocity[0]) * self._forward_scale, float(velocity[1]) * self._left_scale

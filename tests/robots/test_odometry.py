@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from robots.kinematics import heading_rate
 from robots.locomotion.odometry import LegOdometer
 from robots.noise import NoiseConfig
 from robots.sensors import LidarNoise, WheelOdometer
@@ -80,6 +81,10 @@ def test_a_leaning_body_heads_where_its_x_axis_points():
         heading = math.atan2(matrix[1, 0], matrix[0, 0])
         furthest = max(furthest, abs(wrap_angle(odometer.odometry(t).odom_from_base.yaw - heading)))
     assert furthest < 2e-3
+
+
+def test_the_heading_rate_of_a_body_on_its_nose_is_finite():
+    assert math.isfinite(heading_rate(np.array([0.0, 1.0, 1.0]), np.array([1.0, 0.0, 0.0])))
 
 
 def test_scale_errors_and_bias_have_the_size_that_is_configured():

@@ -125,9 +125,9 @@ def test_a_clean_corner_is_matched_exactly(dx, dy, dyaw):
     assert match.score > 0.9
 
 
-def mapped_room() -> tuple[SurfaceGrid, ScanMatcher, np.ndarray]:
-    """A 7 x 5 m room with a block, in a grid that saw it from two places with range noise."""
-    boxes = np.vstack([room(7.0, 5.0), [[4.5, 2.5, 5.5, 3.6]]])
+def mapped_room(width: float = 7.0, height: float = 5.0) -> tuple[SurfaceGrid, ScanMatcher, np.ndarray]:
+    """A room with a block, in a grid that saw it from many places with range noise."""
+    boxes = np.vstack([room(width, height), [[4.5, 2.5, 5.5, 3.6]]])
     slam = Slam(LIDAR, SlamConfig(localisation="odometry"))
     grid = SurfaceGrid(SlamConfig().matching_grid)
     rng = np.random.default_rng(0)
@@ -137,7 +137,7 @@ def mapped_room() -> tuple[SurfaceGrid, ScanMatcher, np.ndarray]:
         ranges = ranges_to_boxes(boxes, pose) + rng.normal(0.0, 0.02, LIDAR.num_beams)
         c, s = math.cos(pose.yaw), math.sin(pose.yaw)
         points = np.column_stack([pose.x + ranges * (c * cos - s * sin), pose.y + ranges * (s * cos + c * sin)])
-        grid.insert(pose, points, len(points), np.zeros(len(points)), np.array([-1.0, -1.0, 8.0, 6.0]))
+        grid.insert(pose, points, len(points), np.zeros(len(points)), np.array([-1.0, -1.0, width + 1.0, height + 1.0]))
     return grid, ScanMatcher(ScanMatcherConfig(), LIDAR.num_beams), boxes
 
 
@@ -163,6 +163,21 @@ def test_matching_finds_the_pose_from_a_wrong_prediction(offset, linear, angular
     assert distance(match.map_from_base, truth) < linear
     assert abs(wrap_angle(match.map_from_base.yaw - truth.yaw)) < angular
     assert match.score > 0.8
+
+
+def test_a_match_that_slipped_by_four_degrees_finds_back():
+    grid, matcher, boxes = mapped_room(10.0, 8.0)
+    truth, slip = Pose2(5.0, 6.0, 0.4), math.radians(4.5)
+    ranges = scan_of(boxes, truth, rng=np.random.default_rng(1)).ranges
+    angles = LIDAR.angles_in_base()[np.isfinite(ranges)]
+    points = ranges[np.isfinite(ranges), None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    pose = Pose2(truth.x, truth.y, truth.yaw + slip)
+    without = ScanMatcher(ScanMatcherConfig(recovery_score=0.0), LIDAR.num_beams).match(grid, pose, points)
+    assert without.score > 0.4  # a search that starts below that would not be made
+    for _ in range(3):
+        pose = matcher.match(grid, pose, points).map_from_base
+    assert abs(wrap_angle(pose.yaw - truth.yaw)) < math.radians(0.3)
+    assert distance(pose, truth) < 0.03
 
 
 def drive_round(localisation: str) -> tuple[float, float, Slam]:

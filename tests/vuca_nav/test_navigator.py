@@ -1,3 +1,4 @@
+import math
 import subprocess
 import sys
 
@@ -6,12 +7,12 @@ import pytest
 
 from tests.vuca_nav.rooms import LIDAR, disc_body, room, scan_of
 from vuca_nav.errors import BadArgument
-from vuca_nav.geometry import compose, distance, inverse, transform_points
+from vuca_nav.geometry import compose, distance, inverse, levelling, transform_points
 from vuca_nav.mapping.grid import GridConfig, OccupancyGrid
 from vuca_nav.navigator import Navigator, NavigatorConfig
 from vuca_nav.policy.dwa import DynamicWindow
 from vuca_nav.telemetry import Telemetry
-from vuca_nav.types import LidarSpec, Odometry, Pose2, Twist2
+from vuca_nav.types import LidarSpec, Odometry, Pose2, Scan, Twist2
 
 DT = 1.0 / 30.0
 
@@ -148,6 +149,66 @@ def test_who_was_last_seen_in_the_only_way_on_is_not_there_for_ever():
     assert targets[-1] is not None
     assert distance(targets[-1].point, (6.1, 5.0)) < 0.8
     assert len(navigator._path_in_map) > 0
+
+
+@pytest.mark.parametrize("another_way_on", [True, False])
+def test_doubt_comes_before_what_was_given_up_but_leads_nowhere_then(another_way_on):
+    # From the west room one free gap, below, and one above that somebody was last seen in; beyond each an opening to
+    # the unknown, or beyond both the lower one's.
+    level = np.full((120, 180), -1, np.int8)
+    level[:, 164:] = 0
+    level[[0, -1], :164] = level[:, 0] = level[:, 90:94] = level[:, 160:164] = 1
+    level[10:36, 90:94] = level[76:102, 90:94] = level[10:36, 160:164] = -1
+    if another_way_on:
+        level[76:102, 160:164] = -1
+        level[58:62, 94:160] = 1
+    known = OccupancyGrid(GridConfig())
+    known.fill(level, (0.0, 0.0))
+    body, start = disc_body(), Pose2(2.0, 4.4, 0.0)
+    navigator = Navigator(body, LIDAR, DynamicWindow(body, LIDAR))
+    navigator.reset(start, (12.0, 3.0), known)
+    cells = np.array([(x, y) for x in (4.575, 4.625) for y in np.arange(4.075, 4.85, 0.05)])  # 0.8 of 1.3 m
+    box = np.array([3.4, 3.8, 5.0, 5.2])
+    for _ in range(5):
+        navigator.slam.navigation_grid.insert(Pose2(3.5, 4.4, 0.0), cells, len(cells), np.full(len(cells), 0.1), box)
+    nothing = np.full(LIDAR.num_beams, np.nan)
+    for k in range(90):
+        if k == 70:
+            assert navigator.explorer.target is not None
+            assert navigator.explorer.target.point[1] < 2.0
+            navigator.explorer.give_up(70 * DT)
+        navigator.step(Scan(k * DT, nothing), Odometry(k * DT, Pose2(0.0, 0.0, 0.0), Twist2(0.0, 0.0, 0.0)))
+    target, path = navigator.explorer.target, navigator._path_in_map
+    assert target is not None
+    through = path[abs(path[:, 0] - 4.6) < 0.2, 1]
+    assert len(through) > 0
+    assert (target.point[1] > 3.5) == another_way_on
+    assert ((through > 3.5) == another_way_on).all()
+
+
+class SeeingAhead(DynamicWindow):
+    """Knows of one walker 5 m off, at a bearing."""
+
+    bearing = 0.0
+
+    def walkers(self):
+        return np.array([[5.0 * math.cos(self.bearing), 5.0 * math.sin(self.bearing), 0.25]])
+
+
+def test_who_walks_is_not_mapped_while_the_robot_leans_either():
+    body, lean = disc_body(), 0.35
+    up = (-math.sin(lean), math.sin(lean) * math.cos(lean), math.cos(lean) ** 2)
+    bearing = SeeingAhead.bearing = math.atan2(-up[0], up[1])  # level beams go there
+    ranges = np.where(abs(LIDAR.angles_in_base() - bearing) < 0.03, 5.0, np.nan)
+    there = levelling(up) @ [5.0 * math.cos(bearing), 5.0 * math.sin(bearing)]
+    assert abs(math.atan2(there[1], there[0]) - bearing) > math.radians(3.0)
+    for policy, state in ((DynamicWindow(body, LIDAR), 1), (SeeingAhead(body, LIDAR), 0)):
+        navigator = Navigator(body, LIDAR, policy)
+        navigator.reset(Pose2(0.0, 0.0, 0.0), GOAL)
+        for k in range(20):
+            odometry = Odometry(k * DT, Pose2(0.0, 0.0, 0.0), Twist2(0.0, 0.0, 0.0), up)
+            navigator.step(Scan(k * DT, ranges), odometry)
+        assert max(navigator.slam.navigation_grid.state(*(there * share)) for share in (0.98, 1.0, 1.02)) == state
 
 
 def test_rates_must_divide():

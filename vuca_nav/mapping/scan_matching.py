@@ -38,7 +38,8 @@ class ScanMatcherConfig:
     recovery_factor: float = 4.0
     """Both windows grow by this when the score says that the match was lost."""
     recovery_score: float = 0.5
-    """Share of matched returns under which it was lost; a good match has 0.6 to 0.9, one that is 3 degrees off 0.4."""
+    """Share of matched returns under which it may be lost. In corridors a good match has 0.6 to 0.9 and one that is 3
+    degrees off 0.4; in a crowd good ones have 0.4, too, so that what the wider search finds must be better."""
     residual_scale: float = 0.03
     """Distance to the line at which a return's weight has fallen to a half (Cauchy) [m]: 1.5 sigma of range noise."""
     gate: float = 0.12

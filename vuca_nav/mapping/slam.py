@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from numba import njit
 
-from vuca_nav.geometry import between, compose, wrap_angle
+from vuca_nav.geometry import between, compose, levelling, wrap_angle
 from vuca_nav.mapping.grid import GridConfig, OccupancyGrid
 from vuca_nav.mapping.scan_matching import ScanMatcher, ScanMatcherConfig
 from vuca_nav.mapping.surfaces import SurfaceGrid
@@ -101,8 +101,9 @@ class Slam:
         Args:
             scan: The lidar's latest.
             odometry: The body's, at the same time.
-            walkers: (k, 3) x, y in the base_link of this scan and radius of what is known to move [m]: it is no
-                landmark, and has no place in a map. Beams that end on it empty the cells on their way, as others do.
+            walkers: (k, 3) x, y in the base_link of this scan, levelled, and radius of what is known to move [m]: it
+                is no landmark, and has no place in a map. Beams that end on it empty the cells on their way, as
+                others do.
         """
         config = self.config
         predicted = self._predict(odometry)
@@ -110,6 +111,7 @@ class Slam:
             scan.ranges,
             self._beams_in_base,
             odometry.up,
+            levelling(odometry.up),
             self.lidar.max_range,
             (config.lowest - 1.0) * self.lidar.height,
             config.highest,
@@ -160,21 +162,19 @@ class Slam:
 
 
 @njit(cache=True)
-def _level(ranges, beams, up, max_range, lowest, highest, levelled, level_beams):
-    """A scan taken leaning, seen from above: ranges over ground, and directions from where base_link heads.
+def _level(ranges, beams, up, axes, max_range, lowest, highest, levelled, level_beams):
+    """A scan taken leaning, seen from above: ranges over ground, and directions by ``geometry.levelling``, ``axes``.
 
     Ranges are nan where a beam ended below or above the band about the lidar.
     """
-    up_x, up_y, up_z = up
-    level = up_x == 0.0 and up_y == 0.0
-    ahead = math.sqrt(max(1.0 - up_x * up_x, 1e-6))
+    leans = axes[0, 0] != 1.0 or axes[1, 1] != 1.0
     for k in range(ranges.shape[0]):
-        rise = up_x * beams[k, 0] + up_y * beams[k, 1]
+        rise = up[0] * beams[k, 0] + up[1] * beams[k, 1]
         end = rise * min(ranges[k], max_range)
         levelled[k] = ranges[k] * math.sqrt(1.0 - rise * rise) if lowest <= end <= highest else math.nan
         x, y = beams[k, 0], beams[k, 1]
-        if not level:
-            x, y = ahead * x - up_x * up_y / ahead * y, up_z / ahead * y
+        if leans:
+            x, y = axes[0, 0] * x + axes[0, 1] * y, axes[1, 1] * y
             length = math.sqrt(x * x + y * y)
             x, y = x / length, y / length
         level_beams[k, 0], level_beams[k, 1] = x, y

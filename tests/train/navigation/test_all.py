@@ -14,7 +14,7 @@ from train.navigation.ppo import Learner
 from train.navigation.rewards import find_rewards
 from train.navigation.stages import EVERYTHING, STAGES, StageConfig, from_scratch
 from train.navigation.team import Alone
-from vuca_nav.policy.weights_file import load_weights
+from vuca_nav.policy.weights_file import WEIGHTS_FOLDER, load_weights
 
 ITERATIONS = 4
 
@@ -33,6 +33,18 @@ def tiny(monkeypatch):
     for name, stage in list(STAGES.items()):
         monkeypatch.setitem(STAGES, name, shrunken(stage))
     monkeypatch.setattr(run_module, "SAVE_EVERY", 2)
+
+
+@pytest.mark.parametrize("stage", STAGES.values(), ids=list(STAGES))
+def test_what_is_shipped_was_trained_as_its_row_says(stage):
+    weights = load_weights(WEIGHTS_FOLDER / f"{stage.name}.safetensors")
+    about = weights.metadata
+    assert about["command"].startswith(f"vuca train {stage.name}")
+    assert about["rewards"] == stage.rewards
+    assert 0 <= int(about["steps"]) - stage.steps < stage.ppo.worlds * stage.ppo.horizon
+    assert tuple(about.get("experts_from", "").split()) == stage.sources
+    assert weights.observation == stage.observation
+    assert weights.experts == stage.network.experts
 
 
 def train_all(out, *options):

@@ -45,6 +45,9 @@ def only(**wanted):
         ("fusion", {"collided": True}, {"R_c": -15.0}),
         ("fusion", {"reached": True}, {"R_r": 20.0}),
         ("fusion", {"timed_out": True}, {}),
+        ("careful", {"progress": 0.1, "clearance": 0.1, "turn_rate": 2.0}, {"R_g": 0.4}),
+        ("careful", {"collided": True}, {"R_c": -45.0}),
+        ("careful", {"timed_out": True}, {"R_e": -5.0}),
     ],
 )
 def test_a_step_is_paid_as_in_the_table(column, what, wanted):
