@@ -51,7 +51,7 @@ class EvaluateArguments:
     decision_rate: int | None = None
     """[Hz]; by default what each policy was trained at."""
     speeds: tuple[float, float] | None = None
-    """Of the movers, over the body's greatest; by default as in training."""
+    """Of the movers, over the body's greatest; by default 0.2 to 2."""
     threads: int = 1
 
 

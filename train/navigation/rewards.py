@@ -47,8 +47,8 @@ REWARDS = {
     "fusion": RewardWeights(4.0, 0.0, -1.0, 1.0, 0.0, 0.0, 0.0),
     "careful": RewardWeights(4.0, 0.0, -3.0, 1.0, 0.0, -1.0, 0.0),
 }
-"""Table I, column by column; and as ``fusion``, but a collision costs three times as much, and a time-out something:
-else it learns to wait rather than to arrive."""
+"""Table I, column by column; and ``careful``: as ``fusion``, but a collision costs three times as much. With time-outs
+free, that made a policy that waits too long (docs/training.md)."""
 
 
 def find_rewards(name: str) -> RewardWeights:
@@ -95,7 +95,7 @@ def reward_terms(step: Outcome, weights: RewardWeights, out: NDArray[np.float32]
 
     Args:
         step: What happened.
-        weights: A column of Table I.
+        weights: A column of ``REWARDS``.
         out: (7, n), in the order of ``TERMS``; their sum over the first axis is the reward.
     """
     nearest = np.clip(step.clearance, RISK_CLAMP, RISK_RANGE)

@@ -18,7 +18,7 @@ class StageConfig:
     about: str
     """A sentence for its page."""
     rewards: str
-    """A column of Table I."""
+    """A column of ``rewards.REWARDS``."""
     arena: ArenaConfig
     observation: ObservationConfig
     network: NetworkConfig
@@ -43,7 +43,7 @@ _SECOND = PpoConfig(horizon=64, minibatch=4096, first_rate=6e-4, last_rate=5e-5,
 _SECOND_FROM_SCRATCH = PpoConfig(horizon=64, minibatch=4096, first_rate=1e-3, last_rate=5e-5)
 _FOUR = NetworkConfig(experts=4, initial_std=0.25)
 _CAREFUL = ArenaConfig(static=0.25, dynamic=0.15, mixed=0.15, square=0.05, corridor=0.4, mover_speeds=(0.2, 1.5))
-"""More of where most collisions are: corridors, with movers as slow as the factory's among them."""
+"""More of where most collisions are: corridors, and none faster than 1.5 times the body."""
 _COPIES = ("go_straight", "obstacle_avoidance", "go_straight", "obstacle_avoidance")
 
 
