@@ -205,11 +205,11 @@ class Navigator:
             reason = "no path leads to the target"
         if reason is not None or target is None:
             last = target
-            certain, doubted = (costmap, paths), None
+            surveys = {False: (costmap, paths)}
             for doubting, forgiving in _RESORTS:
-                if doubting and doubted is None:
-                    doubted = self._survey(pose, doubting=True)
-                costmap, paths = doubted if doubting and doubted else certain
+                if doubting not in surveys:
+                    surveys[doubting] = self._survey(pose, doubting=doubting)
+                costmap, paths = surveys[doubting]
                 self.explorer.target = last  # it is known to be preferred
                 target = self.explorer.choose(now, grid, costmap, paths, pose, forgiving=forgiving)
                 if target is not None:

@@ -141,6 +141,14 @@ def mapped_room(width: float = 7.0, height: float = 5.0) -> tuple[SurfaceGrid, S
     return grid, ScanMatcher(ScanMatcherConfig(), LIDAR.num_beams), boxes
 
 
+def returns_at(boxes: np.ndarray, pose: Pose2) -> np.ndarray:
+    """(n, 2) in base_link, with range noise."""
+    ranges = scan_of(boxes, pose, rng=np.random.default_rng(1)).ranges
+    hits = np.isfinite(ranges)
+    angles = LIDAR.angles_in_base()[hits]
+    return ranges[hits, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+
+
 @pytest.mark.parametrize(
     ("offset", "linear", "angular"),
     [
@@ -153,10 +161,7 @@ def mapped_room(width: float = 7.0, height: float = 5.0) -> tuple[SurfaceGrid, S
 def test_matching_finds_the_pose_from_a_wrong_prediction(offset, linear, angular):
     grid, matcher, boxes = mapped_room()
     truth = Pose2(3.0, 1.7, 0.4)
-    ranges = scan_of(boxes, truth, rng=np.random.default_rng(1)).ranges
-    hits = np.isfinite(ranges)
-    angles = LIDAR.angles_in_base()[hits]
-    points = ranges[hits, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    points = returns_at(boxes, truth)
     predicted = Pose2(truth.x + offset[0], truth.y + offset[1], truth.yaw + offset[2])
     match = matcher.match(grid, predicted, points)
     # What remains is the pull to the prediction, so it grows with the offset.
@@ -168,9 +173,7 @@ def test_matching_finds_the_pose_from_a_wrong_prediction(offset, linear, angular
 def test_a_match_that_slipped_by_four_degrees_finds_back():
     grid, matcher, boxes = mapped_room(10.0, 8.0)
     truth, slip = Pose2(5.0, 6.0, 0.4), math.radians(4.5)
-    ranges = scan_of(boxes, truth, rng=np.random.default_rng(1)).ranges
-    angles = LIDAR.angles_in_base()[np.isfinite(ranges)]
-    points = ranges[np.isfinite(ranges), None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    points = returns_at(boxes, truth)
     pose = Pose2(truth.x, truth.y, truth.yaw + slip)
     without = ScanMatcher(ScanMatcherConfig(recovery_score=0.0), LIDAR.num_beams).match(grid, pose, points)
     assert without.score > 0.4  # a search that starts below that would not be made
