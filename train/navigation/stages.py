@@ -42,8 +42,8 @@ _WARM = PpoConfig(first_rate=6e-4, critic_first=10)
 _SECOND = PpoConfig(horizon=64, minibatch=4096, first_rate=6e-4, last_rate=5e-5, entropy=0.0, critic_first=10)
 _SECOND_FROM_SCRATCH = PpoConfig(horizon=64, minibatch=4096, first_rate=1e-3, last_rate=5e-5)
 _FOUR = NetworkConfig(experts=4, initial_std=0.25)
-_CAREFUL = ArenaConfig(static=0.25, dynamic=0.15, mixed=0.15, square=0.05, corridor=0.4, mover_speeds=(0.2, 1.5))
-"""More of where most collisions are: corridors, and none faster than 1.5 times the body."""
+_CAREFUL = ArenaConfig(static=0.22, dynamic=0.2, mixed=0.15, square=0.08, corridor=0.35)
+"""More of where most collisions are: corridors."""
 _COPIES = ("go_straight", "obstacle_avoidance", "go_straight", "obstacle_avoidance")
 
 
@@ -79,7 +79,7 @@ _ALL = (
         name="base_plus",
         about="One network that sees tracks of what moves, trained from scratch: where the other two go on from.",
         rewards="fusion", arena=ArenaConfig(), observation=_TRACKED,
-        network=NetworkConfig(), ppo=_SECOND_FROM_SCRATCH, steps=10_000_000,
+        network=NetworkConfig(), ppo=_SECOND_FROM_SCRATCH, steps=30_000_000,
     ),
     StageConfig(
         name="single_plus",
