@@ -32,8 +32,16 @@ class Scores(NamedTuple):
     total: FloatArray
 
 
+SAFETY_SPREAD = 1.0
+"""A smaller spread of V^h counts for no more than it is, in the critic's units: a seventh of what a collision costs, with
+the reward for the goal that is lost by it (R_c -3, R_g 4)."""
+
+
 def score_candidates(goal_cost: FloatArray, safety: FloatArray, gamma: float) -> Scores:
-    """``(D - D_min) / (D_max - D_min) + gamma (V_max - V) / (V_max - V_min)``.
+    """``(D - D_min) / (D_max - D_min) + gamma (V_max - V) / max(V_max - V_min, SAFETY_SPREAD)``.
+
+    The paper divides by the spread of V however small, so that among equally safe points the last bit of V decides as
+    much as danger does.
 
     Args:
         goal_cost: D^h (n,), n >= 1: Euclidean distance to the goal plus path length from the robot [m].
@@ -41,11 +49,11 @@ def score_candidates(goal_cost: FloatArray, safety: FloatArray, gamma: float) ->
         gamma: Weight of the safety term.
     """
     goal_term = _normalise(goal_cost - goal_cost.min())
-    safety_term = _normalise(safety.max() - safety)
+    safety_term = _normalise(safety.max() - safety, SAFETY_SPREAD)
     return Scores(goal_term, safety_term, goal_term + gamma * safety_term)
 
 
-def _normalise(above_best: FloatArray) -> FloatArray:
+def _normalise(above_best: FloatArray, least_spread: float = 0.0) -> FloatArray:
     """To [0, 1]; all zero where all are equal (the paper divides by zero there)."""
-    spread = above_best.max()
+    spread = max(above_best.max(), least_spread)
     return above_best / spread if spread > 0.0 else above_best

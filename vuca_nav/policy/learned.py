@@ -112,8 +112,9 @@ class LearnedPolicy(LocalPolicy):
 class PolicyCritic(SafetyCritic):
     """V^h: the critic's value of what the robot sees now, were the point its goal (Section III-C) ...
 
-    ... less its value on an empty floor: the fusion rewards pay for every metre towards the goal, so that the value
-    alone grows with the goal's distance, which D^h is there for. The difference is what the surroundings cost.
+    ... less its value if all that is seen stood: the fusion rewards pay for every metre towards the goal, so that the
+    value alone grows with the goal's distance, and falls with the walls before it, which D^h and the paths to it are
+    there for. The difference is what it costs that things move.
 
     Args:
         policy: Whose critic, and whose eyes.
@@ -130,4 +131,4 @@ class PolicyCritic(SafetyCritic):
             return np.zeros(len(points_in_map))
         points_in_base = transform_points(inverse(map_from_base), points_in_map)
         goals, network = goal_features(points_in_base), self.policy.network
-        return network.values(observation, goals) - network.values(self._config.cleared(observation), goals)
+        return network.values(observation, goals) - network.values(self._config.stilled(observation), goals)

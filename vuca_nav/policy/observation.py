@@ -88,14 +88,13 @@ class ObservationConfig:
         size = self.goal_slice.stop + TWIST_SIZE
         return size if self.kind == "paper" else size + BODY_SIZE + THINGS_SIZE
 
-    def cleared(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The same moment (size,) on an endless empty floor: nothing stands or moves; goal and body as they are."""
-        empty = observation.copy()
-        empty[: self.sectors] = 1.0
-        empty[self.sectors : self.goal_slice.start] = 0.0
+    def stilled(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The same moment (size,) if all that is seen stood: scan, goal and body as they are, nothing moves."""
+        still = observation.copy()
+        still[self.sectors : self.goal_slice.start] = 0.0
         if self.kind == "tracked":
-            empty[-THINGS_SIZE:] = 0.0
-        return empty
+            still[-THINGS_SIZE:] = 0.0
+        return still
 
     def mirror(self) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
         """Order (size,) and signs (size,) of the observation with left and right exchanged: ``o[order] * signs``."""
