@@ -219,9 +219,7 @@ class Simulation:
 
     def _true_odometry(self) -> Odometry:
         v_x, v_y = self._base_qvel[:2].tolist()  # in the world; the angular velocity is in the body
-        w, x, y, z = self._base_qpos[3:7].tolist()
-        up = np.array([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)])
-        w_z = heading_rate(self._base_qvel[3:], up)
+        w_z = heading_rate(self._base_qvel[3:], self._rotation[2])
         c, s = math.cos(self.true_pose.yaw), math.sin(self.true_pose.yaw)
         twist = Twist2(c * v_x + s * v_y, c * v_y - s * v_x, w_z)
         true = between(self.world.start, self.true_pose)
