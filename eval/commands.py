@@ -93,7 +93,7 @@ class EvalArguments:
 
 @dataclass(frozen=True)
 class HeatmapArguments:
-    """Draw what the critic makes of every place around the robot as a goal, V^h, at one moment of a run."""
+    """Draw V^h at one moment of a run: what it costs, with every place as a goal, that things move."""
 
     out: Path
     """The picture, a PNG file."""
@@ -226,7 +226,7 @@ def eval_(argv: list[str]) -> int:
 
 
 def heatmap(argv: list[str]) -> int:
-    """Draw what the critic makes of every place around the robot as a goal."""
+    """Draw what it costs, with every place around the robot as a goal, that things move."""
     arguments = parse(HeatmapArguments, "heatmap", argv)
     from eval.episode import EpisodeConfig
     from eval.heatmap import draw, view_at

@@ -14,13 +14,13 @@ from vuca_nav.policy.base import STANDING, LocalObservation, LocalPolicy
 from vuca_nav.policy.learned import BLIND_SHARE, LearnedPolicy, PolicyCritic
 from vuca_nav.policy.network import UNIFORM_GATE
 from vuca_nav.policy.observation import (
-    THINGS_SIZE,
     ObservationConfig,
     Observer,
     command_from_action,
     goal_features,
     limits_of,
 )
+from vuca_nav.policy.tracks import SLOT_SIZE, SLOTS
 from vuca_nav.policy.weights_file import load_weights
 from vuca_nav.telemetry import Telemetry
 from vuca_nav.types import STOP, LidarSpec, Odometry, Pose2, Scan, Twist2, VelocityCommand
@@ -156,45 +156,70 @@ def test_a_lidar_that_does_not_fit_is_refused(weights):
         LearnedPolicy(BODY, LidarSpec(rate=25.0), weights)
 
 
+POST = [4.0, 3.3, 4.3, 3.6]
+
+
+def approach(policy: LearnedPolicy, speed: float, waypoint=(2.0, 1.0), motion=STANDING) -> None:
+    """A second in a room with a post, while somebody comes nearer at this speed [m/s]."""
+    pose = Pose2(2.0, 3.0, 0.0)
+    for tick in range(30):
+        x = 5.0 - speed * tick * DT
+        ranges = ranges_to_boxes(np.vstack([ROOM, POST, [x, 2.6, x + 0.4, 3.0]]), pose)
+        policy.command(LocalObservation(Scan(tick * DT, ranges), waypoint, False, Twist2(*STOP), motion))
+        pose = compose(pose, motion)
+
+
 def test_the_critic_sees_points_from_where_the_robot_is(weights):
     policy = LearnedPolicy(BODY, LIDAR, weights)
     critic = PolicyCritic(policy)
     pose = Pose2(2.0, 3.0, 0.7)
     points = np.array([[4.0, 1.0], [2.0, 3.0], [-9.0, 20.0]])
     assert (critic.values(points, pose) == 0.0).all()  # nothing seen yet
-    meet(policy)
+    approach(policy, 1.0)
     values = critic.values(points, pose)
     assert policy.observation is not None
+    assert policy.stilled is not None
     goals = goal_features(transform_points(inverse(pose), points))
-    still = policy.observation.copy()
-    config = weights.observation
-    still[config.sectors : config.goal_slice.start] = 0.0
-    if config.kind == "tracked":
-        still[-THINGS_SIZE:] = 0.0
-    right = policy.network.values(policy.observation, goals) - policy.network.values(still, goals)
+    right = policy.network.values(policy.observation, goals) - policy.network.values(policy.stilled, goals)
     assert np.array_equal(values, right)
     assert len(set(values)) == 3
     # Where the waypoint is does not matter.
     policy.reset()
-    meet(policy, waypoint=(-3.0, 0.5))
+    approach(policy, 1.0, waypoint=(-3.0, 0.5))
     assert np.array_equal(critic.values(points, pose), values)
 
 
-def meet(policy: LearnedPolicy, waypoint=(2.0, 1.0)) -> None:
-    """Stand for a second while somebody comes nearer."""
-    for tick in range(30):
-        x = 6.0 - tick * DT
-        ranges = ranges_to_boxes(np.vstack([ROOM, [x, 2.8, x + 0.4, 3.2]]), Pose2(2.0, 3.0, 0.0))
-        policy.command(LocalObservation(Scan(tick * DT, ranges), waypoint, False, Twist2(*STOP), STANDING))
+def test_if_all_that_is_seen_stood_it_would_be_where_it_is(tmp_path):
+    config = ObservationConfig(kind="tracked")
+    policy = LearnedPolicy(BODY, LIDAR, load_weights(random_policy(tmp_path / "p.safetensors", config)))
+    approach(policy, 1.0)
+    now, still = policy.observation, policy.stilled
+    assert now is not None
+    assert still is not None
+    things = [slice(config.size - (k + 1) * SLOT_SIZE, config.size - k * SLOT_SIZE) for k in range(SLOTS)]
+    seen_now, seen_still = (sorted(o[s][[0, 1, 4, 5]].tolist() for s in things) for o in (now, still))
+    assert seen_now == seen_still
+    assert sum(map(any, seen_now)) == 2  # the post and who comes
+    assert any(now[s][2] < -0.3 for s in things)
+    assert not any(still[s][2:4].any() for s in things)
+    first = config.goal_slice.stop  # twist and body are the same, too
+    assert np.array_equal(now[: config.sectors], still[: config.sectors])
+    assert np.array_equal(now[config.goal_slice.start : first + 9], still[config.goal_slice.start : first + 9])
+    meetings = slice(config.sectors, config.goal_slice.start)
+    assert (now[meetings] != still[meetings]).any()
+    assert still[meetings].any()  # the robot would still run into the post
 
 
 def test_where_nothing_moves_no_point_is_safer_than_another(weights):
+    """With tracks even while the robot moves."""
     policy = LearnedPolicy(BODY, LIDAR, weights)
-    for tick in range(30):
-        standing = ranges_to_boxes(ROOM, Pose2(2.0, 3.0, 0.0))
-        policy.command(LocalObservation(Scan(tick * DT, standing), (2.0, 1.0), False, Twist2(*STOP), STANDING))
+    drives = weights.observation.kind == "tracked"
+    approach(policy, 0.0, motion=Pose2(0.5 * DT, 0.0, 0.0) if drives else STANDING)
     points = np.array([[0.5, 0.0], [4.0, 1.0], [-9.0, 20.0]])
-    assert (PolicyCritic(policy).values(points, Pose2(0.0, 0.0, 0.0)) == 0.0).all()
+    assert np.abs(PolicyCritic(policy).values(points, Pose2(0.0, 0.0, 0.0))).max() < 0.01
+    moving = LearnedPolicy(BODY, LIDAR, weights)
+    approach(moving, 1.0)
+    assert np.abs(PolicyCritic(moving).values(points, Pose2(0.0, 0.0, 0.0))).max() > 0.02
 
 
 class Recorder(LocalPolicy):

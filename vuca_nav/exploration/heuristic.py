@@ -1,4 +1,4 @@
-"""The heuristic function of Section III-C: normalised goal term plus gamma times normalised safety term."""
+"""The heuristic function of Section III-C: normalised goal term plus gamma times safety term, nearly normalised."""
 
 from abc import ABC, abstractmethod
 from typing import NamedTuple
@@ -33,11 +33,13 @@ class Scores(NamedTuple):
 
 
 SAFETY_SPREAD = 1.0
-"""A smaller spread of V^h counts for no more than it is, in the critic's units: a seventh of what a collision costs, with
-the reward for the goal that is lost by it (R_c -3, R_g 4)."""
+"""A smaller spread of V^h counts for no more than it is. In units of the critic of ``fusion_plus``, rewards by 0.2, a
+collision costs 9, and the goal that is missed by it 4."""
 
 
-def score_candidates(goal_cost: FloatArray, safety: FloatArray, gamma: float) -> Scores:
+def score_candidates(
+    goal_cost: FloatArray, safety: FloatArray, gamma: float, bonus: FloatArray | float = 0.0
+) -> Scores:
     """``(D - D_min) / (D_max - D_min) + gamma (V_max - V) / max(V_max - V_min, SAFETY_SPREAD)``.
 
     The paper divides by the spread of V however small, so that among equally safe points the last bit of V decides as
@@ -47,13 +49,15 @@ def score_candidates(goal_cost: FloatArray, safety: FloatArray, gamma: float) ->
         goal_cost: D^h (n,), n >= 1: Euclidean distance to the goal plus path length from the robot [m].
         safety: V^h (n,).
         gamma: Weight of the safety term.
+        bonus: Of candidates (n,), in shares of V's spread.
     """
     goal_term = _normalise(goal_cost - goal_cost.min())
-    safety_term = _normalise(safety.max() - safety, SAFETY_SPREAD)
+    spread = np.ptp(safety)
+    safety_term = (safety.max() - safety - bonus * spread) / max(spread, SAFETY_SPREAD)
     return Scores(goal_term, safety_term, goal_term + gamma * safety_term)
 
 
-def _normalise(above_best: FloatArray, least_spread: float = 0.0) -> FloatArray:
+def _normalise(above_best: FloatArray) -> FloatArray:
     """To [0, 1]; all zero where all are equal (the paper divides by zero there)."""
-    spread = max(above_best.max(), least_spread)
+    spread = above_best.max()
     return above_best / spread if spread > 0.0 else above_best

@@ -73,6 +73,11 @@ class LearnedPolicy(LocalPolicy):
         """(x,) the last one, O_g as it was then; None before the first that could be trusted."""
         return self._observation[0] if self._usable else None
 
+    @property
+    def stilled(self) -> Single | None:
+        """(x,) ``observation``, if all that was seen stood."""
+        return self._observer.stilled(self._observation)[0] if self._usable else None
+
     def look(self, observation: LocalObservation) -> None:
         """Take in what the sensors say now; a gap in time makes it forget what was before."""
         scan = observation.scan
@@ -122,13 +127,12 @@ class PolicyCritic(SafetyCritic):
 
     def __init__(self, policy: LearnedPolicy):
         self.policy = policy
-        self._config = policy.network.weights.observation
 
     def values(self, points_in_map: FloatArray, map_from_base: Pose2) -> FloatArray:
-        """Higher is safer, (n,) for points (n, 2) [m]; all alike while there is nothing to go by."""
-        observation = self.policy.observation
-        if observation is None:
+        """Higher is safer, (n,) for points (n, 2) [m], in the critic's units; 0 while nothing is seen to move."""
+        observation, stilled = self.policy.observation, self.policy.stilled
+        if observation is None or stilled is None:
             return np.zeros(len(points_in_map))
         points_in_base = transform_points(inverse(map_from_base), points_in_map)
         goals, network = goal_features(points_in_base), self.policy.network
-        return network.values(observation, goals) - network.values(self._config.stilled(observation), goals)
+        return network.values(observation, goals) - network.values(stilled, goals)
