@@ -244,7 +244,8 @@ def heatmap(argv: list[str]) -> int:
     with ProgressLine(sys.stderr) as progress:
         view = view_at(config, arguments.at, arguments.half_side, arguments.resolution, progress)
     draw(view, arguments.out)
-    print(f"V^h from {view.least:.3f} to {view.greatest:.3f} at {view.time:.2f} s: {arguments.out}")
+    moves = "" if view.least < view.greatest else ", nothing is seen to move"
+    print(f"V^h from {view.least:.3f} to {view.greatest:.3f} at {view.time:.2f} s{moves}: {arguments.out}")
     _print_json(view.row() | {"out": str(arguments.out)}, arguments.json)
     return 0
 
