@@ -93,7 +93,7 @@ class EvalArguments:
 
 @dataclass(frozen=True)
 class HeatmapArguments:
-    """Draw V^h at one moment of a run: what it costs, with every place as a goal, that things move."""
+    """Draw what the critic makes of every place around the robot as a goal, V^h, at one moment of a run."""
 
     out: Path
     """The picture, a PNG file."""
@@ -226,7 +226,7 @@ def eval_(argv: list[str]) -> int:
 
 
 def heatmap(argv: list[str]) -> int:
-    """Draw what it costs, with every place around the robot as a goal, that things move."""
+    """Draw what the critic makes of every place around the robot as a goal."""
     arguments = parse(HeatmapArguments, "heatmap", argv)
     from eval.episode import EpisodeConfig
     from eval.heatmap import draw, view_at
@@ -244,8 +244,7 @@ def heatmap(argv: list[str]) -> int:
     with ProgressLine(sys.stderr) as progress:
         view = view_at(config, arguments.at, arguments.half_side, arguments.resolution, progress)
     draw(view, arguments.out)
-    moves = "" if view.least < view.greatest else ", nothing is seen to move"
-    print(f"V^h from {view.least:.3f} to {view.greatest:.3f} at {view.time:.2f} s{moves}: {arguments.out}")
+    print(f"V^h from {view.least:.3f} to {view.greatest:.3f} at {view.time:.2f} s: {arguments.out}")
     _print_json(view.row() | {"out": str(arguments.out)}, arguments.json)
     return 0
 

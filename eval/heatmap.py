@@ -128,9 +128,11 @@ def view_at(
     )
 
 
-def colours_of(shares: FloatArray) -> NDArray[np.uint8]:
-    """RGB of shares from 0 (dark) to 1 (bright), (..., 3)."""
-    at = shares * (len(VIRIDIS) - 1)
+def colours_of(values: FloatArray) -> NDArray[np.uint8]:
+    """RGB of values from their least (dark) to their greatest (bright), (..., 3)."""
+    spread = values.max() - values.min()
+    share = (values - values.min()) / spread if spread > 0.0 else np.full_like(values, 0.5)
+    at = share * (len(VIRIDIS) - 1)
     return np.stack([np.interp(at, np.arange(len(VIRIDIS)), VIRIDIS[:, k]) for k in range(3)], axis=-1).astype(np.uint8)
 
 
@@ -144,7 +146,7 @@ def draw(view: View, path: Path) -> None:
 
     rows, columns = view.safety.values.shape
     zoom = max(1, round(SIZE / rows))
-    colours = colours_of(view.safety.shares)
+    colours = colours_of(view.safety.values)
     colours[view.occupied] = WALL
     field = Image.fromarray(np.ascontiguousarray(colours[::-1])).resize(
         (columns * zoom, rows * zoom), Image.Resampling.NEAREST
@@ -180,8 +182,7 @@ def draw(view: View, path: Path) -> None:
     pen.text((MARGIN, picture.height - MARGIN + 10), legend, fill=WALL, font_size=14)
     bar = colours_of(np.linspace(1.0, 0.0, field.height)[:, None].repeat(20, axis=1))
     picture.paste(Image.fromarray(bar), (2 * MARGIN + field.width - 20, MARGIN))
-    darkest = view.greatest - view.safety.spread
-    for text, v in ((f"{view.greatest:.2f}", MARGIN), (f"{darkest:.2f}", MARGIN + field.height - 16)):
+    for text, v in ((f"{view.greatest:.2f}", MARGIN), (f"{view.least:.2f}", MARGIN + field.height - 16)):
         pen.text((2 * MARGIN + field.width + 4, v), text, fill=WALL, font_size=14)
     try:
         picture.save(path, "PNG")

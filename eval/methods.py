@@ -17,7 +17,7 @@ from vuca_nav.policy.weights_file import WEIGHTS_FOLDER, load_weights
 from vuca_nav.telemetry import Telemetry
 from vuca_nav.types import BodySpec, LidarSpec
 
-GAMMA = 1.0
+GAMMA = 0.5
 """Weight of V^h against D^h where nobody asks for another."""
 
 

@@ -53,7 +53,7 @@ class FrontierView:
     goal_term: FloatArray
     """(n,) normalised D^h, 0 is best."""
     safety_term: FloatArray
-    """(n,) V^h term before gamma: 0 for the safest, less for the present target, which has a bonus."""
+    """(n,) normalised V^h term before gamma, 0 is best."""
     score: FloatArray
     """(n,) what is minimised."""
     chosen: int

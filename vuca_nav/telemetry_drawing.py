@@ -72,10 +72,14 @@ def grid_map(greys: NDArray[np.uint8], resolution: float, origin: tuple[float, f
     )
 
 
-def safety_grid(safety: SafetyMap) -> rr.GridMap:
-    """Values as colours, dark to bright (safe)."""
-    levels = np.round(255.0 * safety.shares).astype(np.uint8)
-    rows, columns = levels.shape
+def safety_grid(safety: SafetyMap) -> rr.GridMap | None:
+    """Values as colours, from the least (dark) to the greatest (bright, safe) of them; None if all are alike."""
+    values = safety.values
+    least, greatest = values.min(), values.max()
+    if least == greatest:
+        return None
+    levels = np.round(255.0 * (values - least) / (greatest - least)).astype(np.uint8)
+    rows, columns = values.shape
     return rr.GridMap(
         data=np.ascontiguousarray(levels[::-1]).tobytes(),  # an image's first row is its upper one
         format=rr.components.ImageFormat(width=columns, height=rows, color_model="L", channel_datatype="U8"),

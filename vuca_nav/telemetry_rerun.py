@@ -294,9 +294,10 @@ class RerunTelemetry(Telemetry):
         pose = self._status.map_from_base
         if pose is None or not self._writer.due("safety", _SAFETY_PERIOD):
             return
-        self._safety_told = True
-        safety = safety_around(rate, pose[:2], _SAFETY_HALF, _SAFETY_RESOLUTION)
-        self._writer.log("/map/safety", drawing.safety_grid(safety))
+        image = drawing.safety_grid(safety_around(rate, pose[:2], _SAFETY_HALF, _SAFETY_RESOLUTION))
+        if image is not None:  # with no critic all are alike
+            self._safety_told = True
+            self._writer.log("/map/safety", image)
 
     def event(self, text: str, level: str = "INFO") -> None:
         """A trigger, a recovery, a collision: what an engineer will look for."""

@@ -94,20 +94,6 @@ def test_heuristic_by_hand():
     np.testing.assert_allclose(scores.total, [0.5, 1.0, 0.75])
 
 
-def test_small_differences_in_safety_count_for_little():
-    scores = score_candidates(np.array([10.0, 14.0]), np.array([1.0, 1.02]), gamma=2.0)
-    np.testing.assert_allclose(scores.safety_term, [0.02, 0.0])
-    np.testing.assert_allclose(scores.total, [0.04, 1.0])
-
-
-def test_a_bonus_is_a_share_of_the_spread_that_it_does_not_change():
-    safety = np.array([0.0, 3.0, 2.0])
-    scores = score_candidates(np.zeros(3), safety, gamma=1.0, bonus=np.array([0.5, 0.0, 0.0]))
-    np.testing.assert_allclose(scores.safety_term, [0.5, 0.0, 1.0 / 3.0])
-    small = score_candidates(np.zeros(2), np.array([0.0, 0.2]), gamma=1.0, bonus=np.array([0.5, 0.0]))
-    np.testing.assert_allclose(small.safety_term, [0.1, 0.0])
-
-
 def test_heuristic_of_equals_is_zero():
     scores = score_candidates(np.array([3.0, 3.0]), np.array([1.0, 1.0]), gamma=1.0)
     np.testing.assert_array_equal(scores.total, [0.0, 0.0])

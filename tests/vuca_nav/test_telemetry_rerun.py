@@ -188,9 +188,9 @@ def test_shares_of_experts_and_safety_maps_are_shown_where_there_are_any(tmp_pat
         for tick in range(RATE * 6):
             telemetry.time(tick / RATE)
             telemetry.estimated_pose(Pose2(1.0, 2.0, 0.0), Pose2(1.0, 2.0, 0.0))
+            if tick % RATE == 0:  # oftener than maps are wanted
+                telemetry.safety(lambda points, learned=kind == "learned": points[:, 0] * learned)
             if kind == "learned":
-                if tick % RATE == 0:  # oftener than maps are wanted
-                    telemetry.safety(lambda points: points[:, 0])
                 telemetry.gate(np.array([0.1, 0.2, 0.3, 0.4]))
         telemetry.close()
     shares = [column(paths["learned"], f"/plots/gate/expert_{n}", "Scalars:scalars") for n in range(4)]

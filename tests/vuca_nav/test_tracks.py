@@ -208,7 +208,7 @@ def meaning(*tracks, speed=1.0):
     rest = np.zeros((1, 1 + SLOTS * SLOT_SIZE), np.float32)
     _features(
         ONE, known, np.zeros((1, 3)), np.zeros(1), directions, np.full(1, 0.3), np.full(1, speed),
-        np.zeros((16, SLOT_SIZE)), meetings, rest, False,
+        np.zeros((16, SLOT_SIZE)), meetings, rest,
     )  # fmt: skip
     return meetings.reshape(len(SPEEDS), DIRECTIONS), float(rest[0, 0]), rest[0, 1:].reshape(SLOTS, SLOT_SIZE)
 

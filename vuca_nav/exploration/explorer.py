@@ -152,14 +152,13 @@ class Explorer:
             self.target = None
             return None
         goal_cost = np.hypot(points[:, 0] - self.goal[0], points[:, 1] - self.goal[1]) + lengths
-        safety, bonus = self.critic.values(points, map_from_base), 0.0
+        safety = self.critic.values(points, map_from_base)
         if self.target is not None and not self.target.is_goal:
             away = np.hypot(points[:, 0] - self.target.point[0], points[:, 1] - self.target.point[1])
             goal_cost = goal_cost - config.hysteresis * (away < config.same_within)
-            bonus = np.where(away < config.same_within, config.safety_hysteresis, 0.0)
-        if not isinstance(self.critic, NoCritic):
-            self.telemetry.safety(lambda asked: self.critic.values(asked, map_from_base))
-        scores = score_candidates(goal_cost, safety, config.gamma, bonus)
+            safety = safety + config.safety_hysteresis * np.ptp(safety) * (away < config.same_within)
+        self.telemetry.safety(lambda asked: self.critic.values(asked, map_from_base))
+        scores = score_candidates(goal_cost, safety, config.gamma)
         chosen = int(np.argmin(scores.total))
         self.telemetry.frontiers(FrontierView(points, scores.goal_term, scores.safety_term, scores.total, chosen))
         self.target = Target(

@@ -1,11 +1,10 @@
-"""V^h all around the robot, as the paper draws it: what it costs, with every place as a goal, that things move."""
+"""V^h all around the robot, as the paper draws it: what the critic makes of every place as a goal."""
 
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from vuca_nav.exploration.heuristic import SAFETY_SPREAD
 from vuca_nav.types import FloatArray
 
 
@@ -18,16 +17,6 @@ class SafetyMap(NamedTuple):
     """Corner of the first cell, in the map [m]."""
     resolution: float
     """Side of a cell [m]."""
-
-    @property
-    def shares(self) -> FloatArray:
-        """To be seen by: 1 for the safest, 0 for what is worse by ``spread``."""
-        return 1.0 - (self.values.max() - self.values) / self.spread
-
-    @property
-    def spread(self) -> float:
-        """Of the values, or SAFETY_SPREAD if that is more: what counts for little looks like little."""
-        return max(float(np.ptp(self.values)), SAFETY_SPREAD)
 
 
 def safety_around(

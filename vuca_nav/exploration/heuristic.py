@@ -1,4 +1,4 @@
-"""The heuristic function of Section III-C: normalised goal term plus gamma times safety term, nearly normalised."""
+"""The heuristic function of Section III-C: normalised goal term plus gamma times normalised safety term."""
 
 from abc import ABC, abstractmethod
 from typing import NamedTuple
@@ -32,28 +32,16 @@ class Scores(NamedTuple):
     total: FloatArray
 
 
-SAFETY_SPREAD = 1.0
-"""A smaller spread of V^h counts for no more than it is. In units of the critic of ``fusion_plus``, rewards by 0.2, a
-collision costs 9, and the goal that is missed by it 4."""
-
-
-def score_candidates(
-    goal_cost: FloatArray, safety: FloatArray, gamma: float, bonus: FloatArray | float = 0.0
-) -> Scores:
-    """``(D - D_min) / (D_max - D_min) + gamma (V_max - V) / max(V_max - V_min, SAFETY_SPREAD)``.
-
-    The paper divides by the spread of V however small, so that among equally safe points the last bit of V decides as
-    much as danger does.
+def score_candidates(goal_cost: FloatArray, safety: FloatArray, gamma: float) -> Scores:
+    """``(D - D_min) / (D_max - D_min) + gamma (V_max - V) / (V_max - V_min)``.
 
     Args:
         goal_cost: D^h (n,), n >= 1: Euclidean distance to the goal plus path length from the robot [m].
         safety: V^h (n,).
         gamma: Weight of the safety term.
-        bonus: Of candidates (n,), in shares of V's spread.
     """
     goal_term = _normalise(goal_cost - goal_cost.min())
-    spread = np.ptp(safety)
-    safety_term = (safety.max() - safety - bonus * spread) / max(spread, SAFETY_SPREAD)
+    safety_term = _normalise(safety.max() - safety)
     return Scores(goal_term, safety_term, goal_term + gamma * safety_term)
 
 

@@ -73,11 +73,6 @@ class LearnedPolicy(LocalPolicy):
         """(x,) the last one, O_g as it was then; None before the first that could be trusted."""
         return self._observation[0] if self._usable else None
 
-    @property
-    def stilled(self) -> Single | None:
-        """(x,) ``observation``, if all that was seen stood."""
-        return self._observer.stilled(self._observation)[0] if self._usable else None
-
     def look(self, observation: LocalObservation) -> None:
         """Take in what the sensors say now; a gap in time makes it forget what was before."""
         scan = observation.scan
@@ -117,9 +112,8 @@ class LearnedPolicy(LocalPolicy):
 class PolicyCritic(SafetyCritic):
     """V^h: the critic's value of what the robot sees now, were the point its goal (Section III-C) ...
 
-    ... less its value if all that is seen stood: the fusion rewards pay for every metre towards the goal, so that the
-    value alone grows with the goal's distance, and falls with the walls before it, which D^h and the paths to it are
-    there for. The difference is what it costs that things move.
+    ... less its value on an empty floor: the fusion rewards pay for every metre towards the goal, so that the value
+    alone grows with the goal's distance, which D^h is there for. The difference is what the surroundings cost.
 
     Args:
         policy: Whose critic, and whose eyes.
@@ -127,12 +121,13 @@ class PolicyCritic(SafetyCritic):
 
     def __init__(self, policy: LearnedPolicy):
         self.policy = policy
+        self._config = policy.network.weights.observation
 
     def values(self, points_in_map: FloatArray, map_from_base: Pose2) -> FloatArray:
-        """Higher is safer, (n,) for points (n, 2) [m], in the critic's units; 0 while nothing is seen to move."""
-        observation, stilled = self.policy.observation, self.policy.stilled
-        if observation is None or stilled is None:
+        """Higher is safer, (n,) for points (n, 2) [m]; all alike while there is nothing to go by."""
+        observation = self.policy.observation
+        if observation is None:
             return np.zeros(len(points_in_map))
         points_in_base = transform_points(inverse(map_from_base), points_in_map)
         goals, network = goal_features(points_in_base), self.policy.network
-        return network.values(observation, goals) - network.values(stilled, goals)
+        return network.values(observation, goals) - network.values(self._config.cleared(observation), goals)

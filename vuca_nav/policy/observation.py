@@ -88,6 +88,15 @@ class ObservationConfig:
         size = self.goal_slice.stop + TWIST_SIZE
         return size if self.kind == "paper" else size + BODY_SIZE + THINGS_SIZE
 
+    def cleared(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The same moment (size,) on an endless empty floor: nothing stands or moves; goal and body as they are."""
+        empty = observation.copy()
+        empty[: self.sectors] = 1.0
+        empty[self.sectors : self.goal_slice.start] = 0.0
+        if self.kind == "tracked":
+            empty[-THINGS_SIZE:] = 0.0
+        return empty
+
     def mirror(self) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
         """Order (size,) and signs (size,) of the observation with left and right exchanged: ``o[order] * signs``."""
         order, signs = np.arange(self.size), np.ones(self.size, np.float32)
@@ -197,33 +206,16 @@ class Observer:
             self._slot, self._lags, config.sectors, config.max_range, config.spacing, config.goal_slice.start, out,
         )  # fmt: skip
         if self._tracker is not None:
+            goal = config.goal_slice
             self._tracker.update(rows, ranges, motions, self._reaches, self._fresh)
-            self._show_things(self._tracker, rows, out, still=False)
+            self._tracker.features(
+                rows,
+                self._radii,
+                self.limits[:, 0],
+                out[:, config.sectors : goal.start],
+                out[:, goal.stop + TWIST_SIZE + BODY_SIZE :],
+            )
         self._fresh[rows] = False
-
-    def stilled(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The last observations (n, size), if all that is seen stood where it is.
-
-        Scan, goal and body stay as they are. In ``tracked`` all things have no velocity; in ``paper`` scans do not
-        differ, as they do not where nothing moves, the robot itself included.
-        """
-        still = observations.copy()
-        if self._tracker is None:
-            still[:, self.config.sectors : self.config.goal_slice.start] = 0.0
-        else:
-            self._show_things(self._tracker, self._every, still, still=True)
-        return still
-
-    def _show_things(self, tracker: Tracker, rows: NDArray[np.int64], out: NDArray[np.float32], *, still: bool) -> None:
-        config, goal = self.config, self.config.goal_slice
-        tracker.features(
-            rows,
-            self._radii,
-            self.limits[:, 0],
-            out[:, config.sectors : goal.start],
-            out[:, goal.stop + TWIST_SIZE + BODY_SIZE :],
-            still,
-        )
 
 
 def limits_of(body: BodySpec) -> FloatArray:

@@ -127,7 +127,6 @@ class Tracker:
         max_speed: FloatArray,
         meetings: NDArray[np.float32],
         rest: NDArray[np.float32],
-        still: bool = False,
     ) -> None:
         """What the things mean to each of these rows.
 
@@ -139,11 +138,10 @@ class Tracker:
                 ``HORIZON``, 1 for one in which it is now.
             rest: (n, 1 + SLOTS * SLOT_SIZE), written to: the same for standing still, then the slots, in base_link,
                 velocities over the ground.
-            still: What they would mean if all of them stood where they are.
         """
         _features(
             rows, self.tracks, self._odometry, self._since, self._directions, body_radius, max_speed, self._here,
-            meetings, rest, still,
+            meetings, rest,
         )  # fmt: skip
 
 
@@ -268,12 +266,10 @@ def _in_base(things, pose, t, out, left):
 
 
 @njit(cache=True, nogil=True)
-def _features(rows, tracks, odometry, since, directions, body_radius, max_speed, here, meetings, rest, still):
+def _features(rows, tracks, odometry, since, directions, body_radius, max_speed, here, meetings, rest):
     num_directions = len(directions)
     for i in rows:
         count = _in_base(tracks[i], odometry[i], since[i], here, 0.0)
-        if still:
-            here[:count, 2:4] = 0.0
         for a in range(len(SPEEDS)):
             speed = SPEEDS[a] * max_speed[i]
             for d in range(num_directions):
