@@ -6,8 +6,9 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 RUNS ?= runs
 ROBOT ?= tiago
+METHOD ?= ours
 WORKERS ?= 2
-# A mission in which TIAGo arrives; most with moving obstacles do not yet (docs/experiments.md).
+# A mission in which both bodies arrive; many with moving obstacles do not yet (docs/experiments.md).
 DEMO_REGION ?= 1
 DEMO_SEED ?= 8
 
@@ -47,11 +48,11 @@ lock: ## pin the newest versions that fit pyproject.toml, resolved in a clean en
 
 # -- what a user wants ------------------------------------------------------------------------------------------
 
-demo: $(VENV)/.installed-sim ## one factory mission, recorded; ROBOT=go2 walks
+demo: $(VENV)/.installed-sim ## one factory mission, recorded; ROBOT=go2 walks, METHOD=dwa-dh plans by a dynamic window
 	@mkdir -p $(RUNS)
 	@echo "$(ROBOT) in factory region $(DEMO_REGION), ten moving obstacles a quarter. The first run compiles the kernels: about a minute,"
 	@echo "which counts in its real-time factor."
-	$(BIN)/vuca run --world factory --region $(DEMO_REGION) --robot $(ROBOT) --seed $(DEMO_SEED) --record $(RUNS)/demo.rrd
+	$(BIN)/vuca run --world factory --region $(DEMO_REGION) --robot $(ROBOT) --method $(METHOD) --seed $(DEMO_SEED) --record $(RUNS)/demo.rrd
 	@echo "The recording is $(RUNS)/demo.rrd. Open it with: $(BIN)/rerun $(RUNS)/demo.rrd"
 
 bench: $(VENV)/.installed-sim ## ratios against named references
