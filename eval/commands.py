@@ -44,7 +44,7 @@ class RunArguments:
     policy: Annotated[Path | None, tyro.conf.arg(metavar="FILE.safetensors")] = None
     """Drive by these weights instead of the method's own."""
     gamma: Annotated[float | None, tyro.conf.arg(metavar="G")] = None
-    """Weight of the safety term, for a method that has one."""
+    """How much longer a way may be if that surely spares meeting somebody [m], for a method that has V^h."""
     record: Annotated[Path | None, tyro.conf.arg(metavar="FILE.rrd")] = None
     """Record the run for the Rerun viewer."""
     spawn: bool = False
@@ -86,7 +86,7 @@ class EvalArguments:
     policy: Annotated[Path | None, tyro.conf.arg(metavar="FILE.safetensors")] = None
     """Drive by these weights instead of the method's own."""
     gamma: Annotated[float | None, tyro.conf.arg(metavar="G")] = None
-    """Weight of the safety term, for a method that has one."""
+    """How much longer a way may be if that surely spares meeting somebody [m], for a method that has V^h."""
     json: bool = False
     """End with one JSON object on stdout, the summary."""
 
@@ -106,7 +106,7 @@ class HeatmapArguments:
     robot: str = "tiago"
     """A robot's name (see vuca list robots)."""
     method: Annotated[str, tyro.conf.arg(metavar="NAME")] = "ours"
-    """A method with a learned policy: it drives, and its critic is asked."""
+    """A method with V^h: it drives, and its critic is asked."""
     seed: int = 0
     """Of the world, its moving obstacles and the sensors' noise."""
     without: str = ""
@@ -187,6 +187,7 @@ def eval_(argv: list[str]) -> int:
     from eval.methods import BEST, GAMMA, find_method
     from eval.suites import episodes_of, find_suite, parse_seeds
     from eval.summary import table
+    from vuca_nav.policy.safety import SHIPPED
 
     suite = find_suite(arguments.suite)
     seeds = suite.seeds if arguments.seeds is None else parse_seeds(arguments.seeds)
@@ -215,6 +216,7 @@ def eval_(argv: list[str]) -> int:
         identity["sha256"] = hashlib.sha256(weights.read_bytes()).hexdigest()
         if learned.safety:
             identity["gamma"] = GAMMA if arguments.gamma is None else arguments.gamma
+            identity["safety"] = hashlib.sha256(SHIPPED.read_bytes()).hexdigest()
     workers = arguments.workers or len(os.sched_getaffinity(0))
     evaluation = evaluate(identity, configs, arguments.out, workers=workers)
     print(table(evaluation.groups, evaluation.total))

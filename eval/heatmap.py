@@ -10,15 +10,14 @@ from numpy.typing import NDArray
 
 from eval.episode import Episode, EpisodeConfig, Progress
 from vuca_nav.errors import BadArgument
-from vuca_nav.exploration.heatmap import SafetyMap, safety_around
+from vuca_nav.exploration.heatmap import DARK, SafetyMap, safety_around
+from vuca_nav.exploration.heuristic import NoCritic
 from vuca_nav.geometry import distance
-from vuca_nav.policy.learned import LearnedPolicy, PolicyCritic
-from vuca_nav.policy.shield import Shield
 from vuca_nav.telemetry import Telemetry
 from vuca_nav.types import FloatArray, Pose2
 
 MOST_PLACES = 1_000_000
-"""About 3 s of the critic's time."""
+"""Some seconds of the critic's time."""
 SIZE = 900
 """Least side of the picture [px]."""
 VIRIDIS = np.array([[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]])
@@ -100,9 +99,9 @@ def view_at(
         )
     episode, telemetry = Episode(config), _Returns()
     simulation, navigator, scan, odometry = episode.begin(telemetry)
-    policy = navigator.policy.policy if isinstance(navigator.policy, Shield) else navigator.policy
-    if not isinstance(policy, LearnedPolicy):
-        raise BadArgument(f"method {config.method!r} has no critic; take one with a learned policy, such as 'ours'")
+    critic = navigator.explorer.critic
+    if isinstance(critic, NoCritic):
+        raise BadArgument(f"method {config.method!r} has no critic; take one with V^h, such as 'ours'")
     while True:
         command = navigator.step(scan, odometry)
         if simulation.time >= at - 1e-9 or episode.judge(simulation) is not None:
@@ -110,7 +109,7 @@ def view_at(
         scan, odometry = simulation.step(command)
         if progress is not None:
             progress(simulation.time, distance(simulation.true_pose, navigator.goal))
-    pose, critic = navigator.map_from_base, PolicyCritic(policy)
+    pose = navigator.map_from_base
     safety = safety_around(lambda points: critic.values(points, pose), pose[:2], half_side, resolution)
     grid, (rows, columns) = navigator.slam.navigation_grid, safety.values.shape
     xs = safety.lower_left[0] + (np.arange(columns) + 0.5) * safety.resolution
@@ -129,10 +128,8 @@ def view_at(
 
 
 def colours_of(values: FloatArray) -> NDArray[np.uint8]:
-    """RGB of values from their least (dark) to their greatest (bright), (..., 3)."""
-    spread = values.max() - values.min()
-    share = (values - values.min()) / spread if spread > 0.0 else np.full_like(values, 0.5)
-    at = share * (len(VIRIDIS) - 1)
+    """RGB of chances from ``DARK`` to certainty, (..., 3)."""
+    at = np.clip((values - DARK) / (1.0 - DARK), 0.0, 1.0) * (len(VIRIDIS) - 1)
     return np.stack([np.interp(at, np.arange(len(VIRIDIS)), VIRIDIS[:, k]) for k in range(3)], axis=-1).astype(np.uint8)
 
 
@@ -180,9 +177,9 @@ def draw(view: View, path: Path) -> None:
     pen.text((MARGIN, 8), f"{words}, {view.time:.1f} s", fill=WALL, font_size=18)
     legend = "white: robot   red: returns   magenta: exploration point   gold: goal   black: occupied"
     pen.text((MARGIN, picture.height - MARGIN + 10), legend, fill=WALL, font_size=14)
-    bar = colours_of(np.linspace(1.0, 0.0, field.height)[:, None].repeat(20, axis=1))
+    bar = colours_of(np.linspace(1.0, DARK, field.height)[:, None].repeat(20, axis=1))
     picture.paste(Image.fromarray(bar), (2 * MARGIN + field.width - 20, MARGIN))
-    for text, v in ((f"{view.greatest:.2f}", MARGIN), (f"{view.least:.2f}", MARGIN + field.height - 16)):
+    for text, v in (("1.00", MARGIN), (f"{DARK:.2f}", MARGIN + field.height - 16)):
         pen.text((2 * MARGIN + field.width + 4, v), text, fill=WALL, font_size=14)
     try:
         picture.save(path, "PNG")

@@ -10,15 +10,19 @@ from vuca_nav.exploration.explorer import ExplorerConfig
 from vuca_nav.mapping.slam import SlamConfig
 from vuca_nav.navigator import Navigator, NavigatorConfig
 from vuca_nav.policy.dwa import DynamicWindow
-from vuca_nav.policy.learned import LearnedPolicy, PolicyCritic
+from vuca_nav.policy.learned import LearnedPolicy
 from vuca_nav.policy.network import LEARNED_GATE, UNIFORM_GATE, Gate
+from vuca_nav.policy.safety import SHIPPED, LearnedSafety, check_goes_with, load_safety
 from vuca_nav.policy.shield import Shield
 from vuca_nav.policy.weights_file import WEIGHTS_FOLDER, load_weights
 from vuca_nav.telemetry import Telemetry
 from vuca_nav.types import BodySpec, LidarSpec
 
-GAMMA = 0.5
-"""Weight of V^h against D^h where nobody asks for another."""
+GAMMA = 300.0
+"""How much longer a way may be if that surely spares meeting somebody, where nobody asks for another [m]."""
+EXPLORATION_RATE = 1.0
+"""At which the target is chosen anew where V^h has a say [Hz]: in the paper's 5 s whoever comes along a corridor is
+here."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +37,7 @@ class StackRequest:
     policy: str | None = None
     """Weights file instead of the method's own."""
     gamma: float | None = None
-    """Of the safety term instead of the method's own."""
+    """Of the safety term instead of the method's own [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +58,7 @@ class Learned:
     """Name of its file in ``WEIGHTS_FOLDER``."""
     gate: Gate = LEARNED_GATE
     safety: bool = False
-    """Whether the policy's critic rates the frontiers, V^h, beside D^h."""
+    """Whether a critic of safety rates the frontiers, V^h, beside D^h."""
 
     shielded: bool = False
     """Whether a shield stands between the policy and the body."""
@@ -63,6 +67,11 @@ class Learned:
     def path(self) -> Path:
         """Of its weights file."""
         return WEIGHTS_FOLDER / f"{self.weights}.safetensors"
+
+    @property
+    def is_shipped(self) -> bool:
+        """Whether all that it needs is there."""
+        return self.path.is_file() and (not self.safety or SHIPPED.is_file())
 
     def build(self, request: StackRequest) -> Navigator:
         """The whole stack.
@@ -78,8 +87,8 @@ class Learned:
         if not self.safety:
             return Navigator(body, lidar, guarded, config, telemetry)
         gamma = GAMMA if request.gamma is None else request.gamma
-        config = replace(config, explorer=ExplorerConfig(gamma=gamma))
-        return Navigator(body, lidar, guarded, config, telemetry, PolicyCritic(policy))
+        config = replace(config, explorer=ExplorerConfig(gamma=gamma), exploration_rate=EXPLORATION_RATE)
+        return Navigator(body, lidar, guarded, config, telemetry, LearnedSafety(policy, load_safety(SHIPPED)))
 
 
 def _config(request: StackRequest) -> NavigatorConfig:
@@ -123,7 +132,7 @@ ALL: dict[str, Method] = {
 """All there are to be; one whose weights are not shipped runs with a weights file of one's own only."""
 
 METHODS: dict[str, Method] = {
-    name: method for name, method in ALL.items() if method.learned is None or method.learned.path.is_file()
+    name: method for name, method in ALL.items() if method.learned is None or method.learned.is_shipped
 }
 BEST = "dwa-dh"
 """What runs when no method is named."""
@@ -135,11 +144,11 @@ def find_method(name: str, *, policy: str | None = None, gamma: float | None = N
     Args:
         name: Among ``METHODS``, or with a weights file among ``ALL``.
         policy: A weights file for it.
-        gamma: A weight of the safety term for it.
+        gamma: Of the safety term, for it [m].
 
     Raises:
         UnknownName: There is none.
-        BadArgument: It has no use for a weights file, or for gamma.
+        BadArgument: It has no use for a weights file, or for gamma, or V^h none for what the weights look at.
         BadWeights: The weights file cannot be used.
     """
     methods = METHODS if policy is None else ALL
@@ -151,7 +160,9 @@ def find_method(name: str, *, policy: str | None = None, gamma: float | None = N
     if gamma is not None and not (method.learned and method.learned.safety):
         raise BadArgument(f"method {name!r} has no safety term; --gamma goes with: {_names(safety=True)}")
     if policy is not None:
-        load_weights(Path(policy))
+        weights = load_weights(Path(policy))
+        if method.learned and method.learned.safety:
+            check_goes_with(weights, load_safety(SHIPPED))
     return method
 
 

@@ -104,7 +104,7 @@ def episodes_of(
         seeds: Instead of the suite's own.
         limit: Only the first so many episodes.
         policy: A weights file instead of the method's own.
-        gamma: Of the safety term instead of the method's own.
+        gamma: Of the safety term instead of the method's own [m].
 
     Raises:
         VucaError: There is no such robot, method or weights file, or the limit is not positive.

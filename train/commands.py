@@ -18,7 +18,7 @@ class TrainArguments:
     what: tyro.conf.Positional[Literal["locomotion"]]
     """What to train: locomotion, a quadruped's gait. Navigation policies have settings of their own: see
     vuca train go_straight --help; they are go_straight, obstacle_avoidance, single, fusion, base_plus, single_plus and
-    fusion_plus, or all."""
+    fusion_plus; safety, the critic of V^h; or all."""
     robot: str = "go2"
     """A quadruped's name."""
     out: Path | None = None

@@ -51,11 +51,11 @@ class FrontierView:
     points_in_map: FloatArray
     """(n, 2) [m]"""
     goal_term: FloatArray
-    """(n,) normalised D^h, 0 is best."""
+    """(n,) D^h more than the best has [m]."""
     safety_term: FloatArray
-    """(n,) normalised V^h term before gamma, 0 is best."""
+    """(n,) what V^h costs more than the safest, gamma times [m]."""
     score: FloatArray
-    """(n,) what is minimised."""
+    """(n,) their sum, what is minimised [m]."""
     chosen: int
     """Index of the chosen one, -1 if none."""
 

@@ -33,7 +33,7 @@ _SLOW_PERIOD = 1.0
 _STATUS_PERIOD = 0.5
 """[s]"""
 _SAFETY_PERIOD = 5.0
-"""Maps of V^h, made at decisions of the explorer [s]: at 0.2 Hz as those are, without what its triggers add."""
+"""Between two maps of V^h, which are made at decisions of the explorer [s]."""
 _SAFETY_HALF, _SAFETY_RESOLUTION = 8.0, 0.25
 """Half side of the square about the robot that they show, and between two of their points [m]."""
 _GOAL_TOLERANCE, _CHOSEN_RADIUS = 0.3, 0.6

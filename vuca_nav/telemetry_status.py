@@ -106,9 +106,9 @@ def _decision(view: FrontierView, time: float) -> str:
         return f"**Decision of {time:.1f} s**: no frontier is left."
     rows = [
         f"| {'**chosen**' if i == view.chosen else rank} | ({view.points_in_map[i, 0]:.1f}, "
-        f"{view.points_in_map[i, 1]:.1f}) | {view.goal_term[i]:.3f} | {view.safety_term[i]:.3f} "
-        f"| {view.score[i]:.3f} |"
+        f"{view.points_in_map[i, 1]:.1f}) | {view.goal_term[i]:.1f} | {view.safety_term[i]:.1f} "
+        f"| {view.score[i]:.1f} |"
         for rank, i in enumerate(best_first(view, 5), start=1)
     ]
-    head = "| | frontier | goal | safety | score |\n|---|---|---|---|---|\n"
+    head = "| | frontier | goal [m] | safety [m] | score [m] |\n|---|---|---|---|---|\n"
     return f"**Decision of {time:.1f} s** among {count} (least score is best)\n\n{head}" + "\n".join(rows)

@@ -9,20 +9,22 @@ from eval import methods
 from eval.commands import heatmap
 from eval.episode import Episode, EpisodeConfig
 from eval.heatmap import colours_of, view_at
-from eval.methods import ALL, GAMMA, METHODS, Learned, StackRequest, find_method
+from eval.methods import ALL, EXPLORATION_RATE, GAMMA, METHODS, Learned, StackRequest, find_method
 from eval.suites import SUITES, episodes_of
 from tests.vuca_nav.random_policy import random_policy
 from tests.vuca_nav.rooms import LIDAR, disc_body
 from vuca_nav.errors import BadArgument, BadWeights, UnknownName
 from vuca_nav.exploration.heuristic import NoCritic
-from vuca_nav.policy.learned import LearnedPolicy, PolicyCritic
+from vuca_nav.policy.learned import LearnedPolicy
+from vuca_nav.policy.observation import ObservationConfig
+from vuca_nav.policy.safety import LearnedSafety
 from vuca_nav.policy.shield import Shield
 from vuca_nav.telemetry import Telemetry
 
 
 @pytest.fixture
 def weights(tmp_path) -> str:
-    return str(random_policy(tmp_path / "p.safetensors"))
+    return str(random_policy(tmp_path / "p.safetensors", ObservationConfig(kind="tracked")))
 
 
 def build(name: str, **options):
@@ -32,19 +34,21 @@ def build(name: str, **options):
 
 def test_only_methods_that_can_run_are_listed():
     for name, method in ALL.items():
-        assert (name in METHODS) == (method.learned is None or method.learned.path.is_file())
+        assert (name in METHODS) == (method.learned is None or method.learned.is_shipped)
 
 
 def test_what_the_methods_differ_in(weights):
     ours = build("ours", policy=weights)
-    assert isinstance(ours.explorer.critic, PolicyCritic)
+    assert isinstance(ours.explorer.critic, LearnedSafety)
     assert isinstance(ours.policy, Shield)
     assert ours.explorer.critic.policy is ours.policy.policy
     assert ours.explorer.config.gamma == GAMMA
     assert build("ours", policy=weights, gamma=2.0).explorer.config.gamma == 2.0
+    assert ours.config.exploration_rate == EXPLORATION_RATE
     without = build("ours-dh", policy=weights)
     assert isinstance(without.policy, Shield)
     assert isinstance(without.explorer.critic, NoCritic)
+    assert without.config.exploration_rate == 0.2
     assert isinstance(build("fusion+", policy=weights).policy, LearnedPolicy)
     uniform = build("fusion-uniform", policy=weights).policy
     assert isinstance(uniform, LearnedPolicy)
@@ -70,6 +74,8 @@ def test_what_does_not_go_together_is_refused(weights, tmp_path):
         find_method("ours", policy=str(tmp_path / "none"))
     with pytest.raises(UnknownName, match="did you mean 'ours'"):
         find_method("our", policy=weights)
+    with pytest.raises(BadArgument, match=r"paper.safetensors looks at .*: take a method without V\^h"):
+        find_method("ours", policy=str(random_policy(tmp_path / "paper.safetensors")))
     for gamma in (-1.0, float("nan"), float("inf")):
         with pytest.raises(BadArgument, match="--gamma"):
             EpisodeConfig(gamma=gamma)
@@ -118,8 +124,8 @@ def test_a_heatmap_shows_the_critics_values_around_the_robot(weights, tmp_path, 
 
 
 def test_colours_run_from_dark_to_bright():
-    colours = colours_of(np.array([[0.0, 5.0], [2.5, 1.25]]))
+    colours = colours_of(np.array([[0.5, 1.0], [0.75, 0.2]]))
     assert colours[0, 0].tolist() == [68, 1, 84]
     assert colours[0, 1].tolist() == [253, 231, 37]
     assert colours[1, 0].tolist() == [33, 145, 140]
-    assert (colours_of(np.ones((2, 2))) == [33, 145, 140]).all()
+    assert colours[1, 1].tolist() == colours[0, 0].tolist()

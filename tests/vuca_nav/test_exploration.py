@@ -88,10 +88,10 @@ def test_frontiers_out_of_reach_are_left_out():
 
 
 def test_heuristic_by_hand():
-    scores = score_candidates(np.array([10.0, 14.0, 12.0]), np.array([1.0, 3.0, 2.0]), gamma=0.5)
-    np.testing.assert_allclose(scores.goal_term, [0.0, 1.0, 0.5])
-    np.testing.assert_allclose(scores.safety_term, [1.0, 0.0, 0.5])
-    np.testing.assert_allclose(scores.total, [0.5, 1.0, 0.75])
+    scores = score_candidates(np.array([10.0, 14.0, 12.0]), np.array([0.5, 0.9, 0.8]), gamma=20.0)
+    np.testing.assert_allclose(scores.goal_term, [0.0, 4.0, 2.0])
+    np.testing.assert_allclose(scores.safety_term, [8.0, 0.0, 2.0], atol=1e-12)
+    np.testing.assert_allclose(scores.total, [8.0, 4.0, 4.0])
 
 
 def test_heuristic_of_equals_is_zero():
@@ -120,22 +120,48 @@ def test_the_goal_heuristic_chooses_the_opening_towards_the_goal():
         assert told.views[0].chosen == int(np.argmin(told.views[0].score))
 
 
-def test_a_critic_with_gamma_can_overrule_it():
-    class PrefersUp(SafetyCritic):
-        def values(self, points_in_map, map_from_base):
-            return points_in_map[:, 1]
+class FearsRight(SafetyCritic):
+    """Gives what leads to the right a chance, and all else certainty."""
 
+    def __init__(self, chance: float = 0.5):
+        self.chance, self.asked = chance, np.empty((0, 2))
+
+    def values(self, points_in_map, map_from_base):
+        self.asked = points_in_map
+        return np.where(points_in_map[:, 0] > 3.5, self.chance, 1.0)
+
+
+def test_a_critic_with_gamma_can_overrule_it():
     grid, costmap, field = view(two_doors())
+    # The upper door is some 7.4 m worse: 17.1 m to the goal and some 18.6 + 2.4 less 14.2 + 2.9.
     for critic, gamma, expected_y in (
-        (PrefersUp(), 2.0, 3.85),
-        (PrefersUp(), 0.0, 2.0),
-        (NoCritic(), 2.0, 2.0),
+        (FearsRight(), 30.0, 3.85),
+        (FearsRight(), 4.0, 2.0),
+        (FearsRight(0.95), 30.0, 2.0),
+        (FearsRight(), 0.0, 2.0),
+        (NoCritic(), 30.0, 2.0),
     ):
         explorer = Explorer(ExplorerConfig(gamma=gamma), critic)
         explorer.reset((20.0, 2.0))
         target = explorer.choose(0.0, grid, costmap, field, HERE)
         assert target is not None
         assert target.point[1] == pytest.approx(expected_y, abs=0.25)
+
+
+def test_the_critic_is_asked_where_the_ways_lead_first():
+    grid, costmap, field = view(two_doors())
+    for look_ahead in (1.0, 50.0):
+        critic = FearsRight()
+        explorer = Explorer(ExplorerConfig(gamma=1.0, look_ahead=look_ahead), critic)
+        explorer.reset((20.0, 2.0))
+        explorer.choose(0.0, grid, costmap, field, HERE)
+        away = np.hypot(critic.asked[:, 0] - HERE.x, critic.asked[:, 1] - HERE.y)
+        _, approach, _ = find_frontiers(costmap, field, 0.4, 3.0, costmap.radius)
+        assert len(approach) == 2
+        if look_ahead == 1.0:
+            assert away == pytest.approx([1.0, 1.0], abs=0.15)
+        else:
+            np.testing.assert_array_equal(critic.asked, approach)
 
 
 def test_a_known_goal_is_the_target():

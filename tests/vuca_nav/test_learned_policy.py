@@ -7,13 +7,12 @@ import pytest
 from tests.vuca_nav.random_policy import random_policy
 from tests.vuca_nav.rooms import LIDAR, disc_body, ranges_to_boxes, room, scan_of
 from vuca_nav.errors import BadArgument
-from vuca_nav.exploration.explorer import ExplorerConfig
-from vuca_nav.geometry import compose, inverse, transform_points
-from vuca_nav.navigator import Navigator, NavigatorConfig
+from vuca_nav.geometry import compose
+from vuca_nav.navigator import Navigator
 from vuca_nav.policy.base import LocalObservation, LocalPolicy
-from vuca_nav.policy.learned import BLIND_SHARE, LearnedPolicy, PolicyCritic
+from vuca_nav.policy.learned import BLIND_SHARE, LearnedPolicy
 from vuca_nav.policy.network import UNIFORM_GATE
-from vuca_nav.policy.observation import ObservationConfig, Observer, command_from_action, goal_features, limits_of
+from vuca_nav.policy.observation import ObservationConfig, Observer, command_from_action, limits_of
 from vuca_nav.policy.weights_file import load_weights
 from vuca_nav.telemetry import Telemetry
 from vuca_nav.types import STOP, LidarSpec, Odometry, Pose2, Scan, Twist2, VelocityCommand
@@ -27,13 +26,9 @@ START = Pose2(1.0, 3.0, 0.0)
 class Told(Telemetry):
     def __init__(self):
         self.shares: list[np.ndarray] = []
-        self.safety_asked: list[np.ndarray] = []
 
     def gate(self, shares):
         self.shares.append(shares.copy())
-
-    def safety(self, rate):
-        self.safety_asked.append(rate(np.array([[3.0, 3.0], [5.0, 2.0]])))
 
 
 @pytest.fixture(params=["paper", "tracked"])
@@ -149,35 +144,6 @@ def test_a_lidar_that_does_not_fit_is_refused(weights):
         LearnedPolicy(BODY, LidarSpec(rate=25.0), weights)
 
 
-def test_the_critic_sees_points_from_where_the_robot_is(weights):
-    policy = LearnedPolicy(BODY, LIDAR, weights)
-    critic = PolicyCritic(policy)
-    pose = Pose2(2.0, 3.0, 0.7)
-    points = np.array([[4.0, 1.0], [2.0, 3.0], [-9.0, 20.0]])
-    assert (critic.values(points, pose) == 0.0).all()  # nothing seen yet
-    policy.command(seen(0))
-    values = critic.values(points, pose)
-    assert policy.observation is not None
-    goals = goal_features(transform_points(inverse(pose), points))
-    empty = policy.observation.copy()
-    config = weights.observation
-    empty[: config.goal_slice.start] = np.repeat([1.0, 0.0], [config.sectors, config.goal_slice.start - config.sectors])
-    right = policy.network.values(policy.observation, goals) - policy.network.values(empty, goals)
-    assert np.array_equal(values, right)
-    assert len(set(values)) == 3
-    # Where the waypoint is does not matter.
-    policy.reset()
-    policy.command(seen(0, waypoint=(-3.0, 0.5)))
-    assert np.array_equal(critic.values(points, pose), values)
-
-
-def test_on_an_empty_floor_no_point_is_safer_than_another(weights):
-    policy = LearnedPolicy(BODY, LIDAR, weights)
-    policy.command(seen(0, ranges=np.full(LIDAR.num_beams, np.inf)))
-    points = np.array([[0.5, 0.0], [4.0, 1.0], [-9.0, 20.0]])
-    assert (PolicyCritic(policy).values(points, Pose2(0.0, 0.0, 0.0)) == 0.0).all()
-
-
 class Recorder(LocalPolicy):
     """Goes in an arc; keeps what it is given."""
 
@@ -221,13 +187,11 @@ def test_the_navigator_hands_on_the_odometrys_motion_at_every_tick():
     assert [o.motion for o in recorder.commanded] == [o.motion for o in recorder.looked]
 
 
-def test_in_the_stack_the_critic_is_asked_at_the_first_decision_already(weights):
+def test_in_the_stack_the_same_drive_gives_the_same_commands(weights):
     told = Told()
     policy = LearnedPolicy(BODY, LIDAR, weights, telemetry=told)
-    config = NavigatorConfig(explorer=ExplorerConfig(gamma=0.5))
-    navigator = Navigator(BODY, LIDAR, policy, config, told, PolicyCritic(policy))
+    navigator = Navigator(BODY, LIDAR, policy, telemetry=told)
     commands = drive(navigator, 30)
-    assert told.safety_asked[0][0] != told.safety_asked[0][1]
     assert len(told.shares) == 30
     assert all(within_limits(command) for command in commands)
     assert drive(navigator, 30) == commands

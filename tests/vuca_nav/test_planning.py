@@ -177,3 +177,23 @@ def test_small_things_that_have_not_been_seen_lately_may_have_walked_away():
         assert occupied(1.975, doubting=False) == [True, True]  # as a rule nothing is doubted
     scan((1.825, 1.975))
     assert occupied(1.975, doubting=True) == [True, True]  # seen again, a part of it
+
+
+def test_where_ways_lead_first():
+    picture = hall(60, 40)
+    picture[1:30, 30] = "#"
+    costmap = Costmap(as_grid(picture), 0.3, (1.0, 2.0), CostmapConfig())
+    field = PathField(costmap, (1.0, 2.0))
+    points = np.array([[5.0, 3.5], [5.0, 0.6], [1.3, 2.0]])
+    assert all(field.reaches(x, y) for x, y in points)
+    for ahead in (0.5, 1.7, 4.0):
+        found = field.on_the_way(points, ahead)
+        for (x, y), point in zip(found, points):
+            path = field.path_to(*point)
+            assert np.hypot(*(path - (x, y)).T).min() < 1e-9 or (x, y) == pytest.approx(point)
+            length = field.length_to_cell(*costmap.cell(x, y))
+            whole = field.length_to_cell(*costmap.cell(*point))
+            assert length <= ahead
+            assert length > min(ahead, whole) - 0.15  # a diagonal step of a cell of 0.1 m
+    np.testing.assert_array_equal(field.on_the_way(points, 100.0), points)
+    assert field.on_the_way(np.empty((0, 2)), 1.0).shape == (0, 2)

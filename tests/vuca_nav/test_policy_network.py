@@ -9,7 +9,7 @@ from safetensors.numpy import save_file
 from tests.vuca_nav.random_policy import metadata, random_policy, random_tensors
 from vuca_nav.errors import BadArgument, BadWeights
 from vuca_nav.policy.network import UNIFORM_GATE, Gate, PolicyNetwork
-from vuca_nav.policy.observation import ObservationConfig, goal_features
+from vuca_nav.policy.observation import ObservationConfig
 from vuca_nav.policy.weights_file import load_weights
 
 
@@ -81,25 +81,6 @@ def test_a_single_network_needs_no_gate(tmp_path):
     assert PolicyNetwork(weights).act(observation, action)
     right, _ = by_definition(random_tensors(experts=1), observation, "elu", np.ones(1))
     assert action == pytest.approx(right, abs=2e-6)
-
-
-@pytest.mark.parametrize("activation", ["relu", "elu"])
-def test_critic_values_are_those_of_the_observation_with_the_goal_replaced(tmp_path, activation):
-    weights = load_weights(random_policy(tmp_path / "p.safetensors", activation=activation))
-    tensors = {name: tensor.astype(np.float64) for name, tensor in random_tensors().items()}
-    rng = np.random.default_rng(3)
-    observation = rng.uniform(-1.0, 1.0, weights.observation.size).astype(np.float32)
-    points = rng.normal(size=(7, 2)) * 5.0
-    values = PolicyNetwork(weights).values(observation, goal_features(points))
-    for point, value in zip(points, values):
-        x = observation.astype(np.float64)
-        x[120:123] = goal_features(point[None])[0]
-        x = (x - tensors["mean"]) * tensors["scale"]
-        for k in range(3):
-            x = tensors[f"critic_weight_{k}"] @ x + tensors[f"critic_bias_{k}"]
-            x = activate(x, activation) if k < 2 else x
-        assert value == pytest.approx(x[0], abs=1e-5)
-    assert len(PolicyNetwork(weights).values(observation, goal_features(np.empty((0, 2))))) == 0
 
 
 def test_what_is_not_finite_gives_no_action(tmp_path):

@@ -189,7 +189,9 @@ def test_shares_of_experts_and_safety_maps_are_shown_where_there_are_any(tmp_pat
             telemetry.time(tick / RATE)
             telemetry.estimated_pose(Pose2(1.0, 2.0, 0.0), Pose2(1.0, 2.0, 0.0))
             if tick % RATE == 0:  # oftener than maps are wanted
-                telemetry.safety(lambda points, learned=kind == "learned": points[:, 0] * learned)
+                telemetry.safety(
+                    lambda points, learned=kind == "learned": 0.75 + 0.0318 * (points[:, 0] - 1.0) * learned
+                )
             if kind == "learned":
                 telemetry.gate(np.array([0.1, 0.2, 0.3, 0.4]))
         telemetry.close()
@@ -399,4 +401,4 @@ def test_directions_are_the_robots_own():
     assert "the waypoint (0.0, 1.0): 1.0 m, 90° to the left" in text
     assert "**Nearest return** (1.5, 1.0): 0.5 m, 90° to the right, **closer than 0.6 m**" in text
     assert "**Goal** (1.0, 3.0): 2.0 m, ahead" in text
-    assert "| **chosen** | (5.0, 1.0) | 0.100 | 0.200 | 0.300 |" in text
+    assert "| **chosen** | (5.0, 1.0) | 0.1 | 0.2 | 0.3 |" in text

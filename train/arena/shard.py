@@ -12,8 +12,8 @@ from train.arena.bank import Bank
 from train.arena.bodies import LARGEST_RADIUS, WHEEL_SPEED, BodyColumns
 from train.arena.config import KINDS, ArenaConfig
 from train.arena.kernels import assign_parts, draw_episodes, drive, judge, sense
-from train.arena.rows import Rows
-from vuca_nav.policy.observation import ObservationConfig, Observer, command_from_action
+from train.arena.rows import GOAL_X, GOAL_Y, Rows
+from vuca_nav.policy.observation import ObservationConfig, Observer, command_from_action, goal_features
 from vuca_nav.types import FloatArray, LidarSpec
 from worlds.level_scan import cast_level
 from worlds.movers import TICK, TICK_RATE, TURN_RATE
@@ -158,7 +158,7 @@ class Shard:
         )  # fmt: skip
         out.turn_rate[rows] = np.abs(self._twist[rows, 2])
         self._look(rows)
-        self._observe(None)
+        self._observe(None, rows)
         over = rows[(out.collided | out.reached | out.timed_out)[rows]]
         if self._once:
             self.active[over] = False
@@ -166,6 +166,16 @@ class Shard:
             clearance, out.final_observation[over] = out.clearance[over], out.observation[over]
             self.restart(over)
             out.clearance[over] = clearance
+
+    def send_to(self, rows: np.ndarray, goals_in_world: FloatArray) -> None:
+        """Give rows other goals, (k, 2) [m]; their observations show them at once, their time limits stay."""
+        state, observation = self.rows, self.outputs.observation
+        state.task[rows, GOAL_X], state.task[rows, GOAL_Y] = goals_in_world.T
+        away = goals_in_world - state.pose[rows, :2]
+        state.distance[rows] = np.hypot(away[:, 0], away[:, 1])
+        c, s = np.cos(state.pose[rows, 2]), np.sin(state.pose[rows, 2])
+        self.goals[rows] = np.column_stack([c * away[:, 0] + s * away[:, 1], c * away[:, 1] - s * away[:, 0]])
+        observation[rows, self._observer.config.goal_slice] = goal_features(self.goals[rows])
 
     def drive(self, rows: np.ndarray, action: NDArray[np.float32]) -> None:
         """Carry the actions out for a decision's ticks."""
@@ -228,8 +238,10 @@ class Shard:
             self._lidar.max_range, self.ranges, out.clearance, out.nearest, self.goals, self.measured,
         )  # fmt: skip
 
-    def _observe(self, first_of: np.ndarray | None) -> None:
-        self._observer.observe(self.ranges, self.goals, self.measured, self.motion, self.outputs.observation, first_of)
+    def _observe(self, first_of: np.ndarray | None, only: np.ndarray | None = None) -> None:
+        self._observer.observe(
+            self.ranges, self.goals, self.measured, self.motion, self.outputs.observation, first_of, only
+        )
 
 
 def _noise_table(config: ArenaConfig) -> FloatArray:

@@ -10,9 +10,26 @@ import tyro
 
 from train.navigation.environment import ArenaEnvironment
 from train.navigation.run import Collector, RunConfig, Training
+from train.navigation.safety import NAME as SAFETY
+from train.navigation.safety import SafetyConfig, SafetyTraining
 from train.navigation.stages import EVERYTHING, StageConfig, find_stage, from_scratch
 from vuca_nav.cli import parse
 from vuca_nav.errors import BadArgument
+
+
+@dataclass(frozen=True)
+class SafetyArguments:
+    """Train the critic of V^h on what comes of episodes in the batched arena."""
+
+    out: Path = Path("runs/navigation")
+    """Directory that holds a directory for each policy, with its checkpoint, log, TensorBoard files, curves, weights
+    and their page; policies to start from are looked for here, too."""
+    seed: int = 0
+    workers: Annotated[int, tyro.conf.arg(metavar="N")] = field(default_factory=lambda: len(os.sched_getaffinity(0)))
+    """Threads that step the arena, a core each; the weights do not depend on it."""
+    resume: bool = False
+    """Go on with what is in --out."""
+    config: SafetyConfig = field(default_factory=SafetyConfig)
 
 
 @dataclass(frozen=True)
@@ -35,10 +52,10 @@ class NavigationArguments:
 
 
 def train_navigation(name: str, argv: list[str]) -> int:
-    """Train one policy, or all of them.
+    """Train one policy, the critic of V^h, or all of them.
 
     Args:
-        name: Of a stage, or "all".
+        name: Of a stage, "safety", or "all".
         argv: What follows it.
 
     Returns:
@@ -46,8 +63,14 @@ def train_navigation(name: str, argv: list[str]) -> int:
     """
     if name == "all":
         arguments = parse(NavigationArguments, "train all", argv)
+        command = shlex.join(["vuca", "train", "all", *argv])
         for stage in EVERYTHING:
-            _train(find_stage(stage), arguments, shlex.join(["vuca", "train", "all", *argv]))
+            _train(find_stage(stage), arguments, command)
+        _train_safety(SafetyConfig(), arguments, command)
+        return 0
+    if name == SAFETY:
+        chosen = parse(SafetyArguments, f"train {name}", argv)
+        _train_safety(chosen.config, chosen, shlex.join(["vuca", "train", name, *argv]))
         return 0
     find_stage(name)
 
@@ -63,8 +86,7 @@ def train_navigation(name: str, argv: list[str]) -> int:
 
 
 def _train(stage: StageConfig, arguments: NavigationArguments, command: str) -> None:
-    if arguments.seed < 0:
-        raise BadArgument(f"the seed must be 0 or more, got {arguments.seed}")
+    _check_seed(arguments.seed)
     if arguments.from_scratch:
         stage = from_scratch(stage)
     sources = tuple(arguments.out / source / f"{source}.safetensors" for source in stage.sources)
@@ -72,3 +94,19 @@ def _train(stage: StageConfig, arguments: NavigationArguments, command: str) -> 
     training = Training(stage, run, arguments.out / stage.name, ArenaEnvironment, resume=arguments.resume)
     training.run()
     print(f"weights: {training.weights}")
+
+
+def _train_safety(config: SafetyConfig, arguments: NavigationArguments | SafetyArguments, command: str) -> None:
+    _check_seed(arguments.seed)
+    policy = arguments.out / config.policy / f"{config.policy}.safetensors"
+    threads = min(arguments.workers, os.cpu_count() or 1)  # collectors on other machines do not help here
+    training = SafetyTraining(
+        config, arguments.seed, policy, arguments.out / SAFETY, threads, command, resume=arguments.resume
+    )
+    training.run()
+    print(f"weights: {training.weights}")
+
+
+def _check_seed(seed: int) -> None:
+    if seed < 0:
+        raise BadArgument(f"the seed must be 0 or more, got {seed}")

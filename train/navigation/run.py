@@ -72,30 +72,13 @@ class Training:
     ):
         _check(stage, run)
         self._sources = find_sources(run.sources, stage.network, stage.observation) if run.sources else []
-        if out.exists() and not out.is_dir():
-            raise BadArgument(f"--out {out} is a file, expected a directory")
         self.stage, self.run_config, self.out, self._make = stage, run, out, make_environment
         contract = json.loads(json.dumps({"stage": asdict(stage), "seed": run.seed, "workers": run.workers}))
         if run.collector != "local":
             contract["collector"] = run.collector
         if run.sources:
             contract["sources"] = [[path.stem, hashlib.sha256(path.read_bytes()).hexdigest()] for path in run.sources]
-        config = out / "config.json"
-        if (out / CHECKPOINT).exists():
-            if not resume:
-                raise BadArgument(f"{out} holds a training run; go on with it by --resume, or give another --out")
-            try:
-                differing = _differences(json.loads(config.read_text()), contract)
-            except (OSError, ValueError) as error:
-                raise BadArgument(f"{config} cannot be read: {error}; give another --out") from error
-            if differing:
-                raise BadArgument(f"{out} holds a run that differs in {', '.join(differing)}; give another --out")
-            return
-        try:
-            out.mkdir(parents=True, exist_ok=True)
-            config.write_text(json.dumps(contract, indent=2) + "\n")
-        except OSError as error:
-            raise BadArgument(f"--out {out} cannot be written: {error}") from error
+        open_run(out, contract, resume=resume)
 
     @property
     def weights(self) -> Path:
@@ -109,7 +92,7 @@ class Training:
         """
         run = self.run_config
         if (self.out / CHECKPOINT).exists():
-            state = _load(self.out / CHECKPOINT)
+            state = load_checkpoint(self.out / CHECKPOINT, ("steps", "elapsed"))
             if state["steps"] >= self.stage.steps:
                 if not self.weights.with_suffix(".md").exists():  # killed between the last checkpoint and the page
                     self.describe(state["steps"], state["elapsed"])
@@ -137,7 +120,7 @@ class Training:
         checkpoint = self.out / CHECKPOINT
         steps, elapsed = 0, 0.0
         if checkpoint.exists():
-            state = _load(checkpoint)
+            state = load_checkpoint(checkpoint, ("learner", "steps", "elapsed"))
             learner.load(state["learner"])
             steps, elapsed = state["steps"], state["elapsed"]
         elif self._sources:
@@ -235,10 +218,47 @@ def _work(rank: int, training: Training, environments: Sequence[Environment], me
         team.close()
 
 
-def _load(checkpoint: Path) -> dict:
+def open_run(out: Path, contract: dict, *, resume: bool) -> None:
+    """Make a run's directory, or see that the run in it is the same.
+
+    Args:
+        out: The directory.
+        contract: What a run depends on, as JSON holds it; kept in ``config.json``.
+        resume: Go on with what is in ``out``, if anything is.
+
+    Raises:
+        BadArgument: If ``out`` holds a run and it shall not be resumed, or one of another contract, or cannot be
+            written.
+    """
+    if out.exists() and not out.is_dir():
+        raise BadArgument(f"--out {out} is a file, expected a directory")
+    config = out / "config.json"
+    if not (out / CHECKPOINT).exists():
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+            config.write_text(json.dumps(contract, indent=2) + "\n")
+        except OSError as error:
+            raise BadArgument(f"--out {out} cannot be written: {error}") from error
+        return
+    if not resume:
+        raise BadArgument(f"{out} holds a training run; go on with it by --resume, or give another --out")
+    try:
+        differing = _differences(json.loads(config.read_text()), contract)
+    except (OSError, ValueError) as error:
+        raise BadArgument(f"{config} cannot be read: {error}; give another --out") from error
+    if differing:
+        raise BadArgument(f"{out} holds a run that differs in {', '.join(differing)}; give another --out")
+
+
+def load_checkpoint(checkpoint: Path, names: Sequence[str]) -> dict:
+    """What is in a checkpoint by these names.
+
+    Raises:
+        BadArgument: If it cannot be read, or lacks one of them.
+    """
     try:
         state = torch.load(checkpoint, weights_only=True)
-        return {key: state[key] for key in ("learner", "steps", "elapsed")}
+        return {key: state[key] for key in names}
     except Exception as error:  # torch raises whatever the broken bytes lead to
         raise BadArgument(f"{checkpoint} is not a checkpoint that can be read: {error}") from error
 

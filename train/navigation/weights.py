@@ -48,11 +48,11 @@ def export(
     }  # fmt: skip
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_suffix(".tmp")
-    temporary.write_bytes(_sorted(save(arrays, metadata)))
+    temporary.write_bytes(sorted_header(save(arrays, metadata)))
     temporary.replace(path)
 
 
-def _sorted(data: bytes) -> bytes:
+def sorted_header(data: bytes) -> bytes:
     """Let the same weights be the same bytes: safetensors writes its metadata in any order."""
     end = 8 + int.from_bytes(data[:8], "little")
     header = json.dumps(json.loads(data[8:end]), sort_keys=True, separators=(",", ":")).encode()

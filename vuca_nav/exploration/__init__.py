@@ -1,1 +1,1 @@
-"""Exploration (0.2 Hz and on triggers): frontiers scored by the goal and safety heuristics (Section III-C)."""
+"""Exploration (0.2 Hz, with V^h 1 Hz, and on triggers): frontiers scored by goal and safety (Section III-C)."""

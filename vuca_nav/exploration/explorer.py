@@ -19,15 +19,15 @@ class ExplorerConfig:
     """Settings of the choice and of its triggers."""
 
     gamma: float = 0.0
-    """Weight of the safety term; of no consequence without a critic."""
+    """How much longer a way may be if that surely spares meeting somebody [m]; of no consequence without a critic."""
+    look_ahead: float = 4.0
+    """The critic is asked about the ways to the candidates so far ahead [m]: where they lead first can be seen."""
     min_frontier: float = 0.4
     """Shorter frontiers are noise [m]. Without the cells that are too near to walls: an opening of 1 m has 0.4 m."""
     max_frontier: float = 3.0
     """Longer ones are cut into pieces [m]."""
     hysteresis: float = 3.0
-    """A new choice must have a goal cost lower by this than the present one [m]."""
-    safety_hysteresis: float = 0.5
-    """The present target's bonus in V^h, as a share of their range: V^h changes with all who walk by."""
+    """A new choice must cost less by this than the present one [m]."""
     same_within: float = 2.0
     """A candidate this near to the present choice is the present choice, moved on [m]."""
     reached_within: float = 0.4
@@ -152,11 +152,10 @@ class Explorer:
             self.target = None
             return None
         goal_cost = np.hypot(points[:, 0] - self.goal[0], points[:, 1] - self.goal[1]) + lengths
-        safety = self.critic.values(points, map_from_base)
+        safety = self.critic.values(paths.on_the_way(approach, config.look_ahead), map_from_base)
         if self.target is not None and not self.target.is_goal:
             away = np.hypot(points[:, 0] - self.target.point[0], points[:, 1] - self.target.point[1])
             goal_cost = goal_cost - config.hysteresis * (away < config.same_within)
-            safety = safety + config.safety_hysteresis * np.ptp(safety) * (away < config.same_within)
         self.telemetry.safety(lambda asked: self.critic.values(asked, map_from_base))
         scores = score_candidates(goal_cost, safety, config.gamma)
         chosen = int(np.argmin(scores.total))

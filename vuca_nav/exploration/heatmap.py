@@ -7,6 +7,9 @@ import numpy as np
 
 from vuca_nav.types import FloatArray
 
+DARK = 0.5
+"""V^h that is drawn as dark as any below it."""
+
 
 class SafetyMap(NamedTuple):
     """V^h at the middles of square cells."""

@@ -49,6 +49,22 @@ class PathField:
             points[-1] = x, y
         return points
 
+    def on_the_way(self, points_in_map: FloatArray, length: float) -> FloatArray:
+        """Where the cheapest paths to points lead first.
+
+        Args:
+            points_in_map: (n, 2) that are reached [m].
+            length: [m]
+
+        Returns:
+            (n, 2) the points so far along the paths; of a shorter path its end [m].
+        """
+        cells = np.array([self.costmap.cell(x, y) for x, y in points_in_map], np.int64).reshape(-1, 2)
+        steps = 5.0 * length / self.costmap.resolution
+        found = _cells_on_the_way(self._came_by, cells, steps, _DI, _DJ, _LENGTH)
+        points = (found[:, ::-1] + 0.5) * self.costmap.resolution + np.array(self.costmap.origin)
+        return np.where((found == cells).all(axis=1)[:, None], points_in_map, points)
+
     def length_to_cell(self, i: int, j: int) -> float:
         """Length of the cheapest path to a cell that is reached [m]."""
         return _trace_length(self._came_by, i, j, _DI, _DJ, _LENGTH) * self.costmap.resolution / 5.0
@@ -128,6 +144,21 @@ def _trace(came_by, i, j, di, dj):
         if k >= 0:
             i, j = i - di[k], j - dj[k]
     return cells
+
+
+@njit(cache=True)
+def _cells_on_the_way(came_by, cells, most, di, dj, length):
+    """The cells at most so many fifths of a cell from the start, on the paths to cells, (n, 2)."""
+    found = cells.copy()
+    for n in range(len(cells)):
+        i, j = cells[n]
+        left = _trace_length(came_by, i, j, di, dj, length)
+        while left > most:
+            k = came_by[i, j]
+            i, j = i - di[k], j - dj[k]
+            left -= length[k]
+        found[n, 0], found[n, 1] = i, j
+    return found
 
 
 @njit(cache=True)

@@ -1,17 +1,15 @@
-"""The cerebellum (Section III-B): a trained network as a local policy, and its critic as V^h of Section III-C."""
+"""The cerebellum (Section III-B): a trained network as a local policy."""
 
 import math
 
 import numpy as np
 
-from vuca_nav.exploration.heuristic import SafetyCritic
-from vuca_nav.geometry import inverse, transform_points
 from vuca_nav.policy.base import LocalObservation, LocalPolicy
 from vuca_nav.policy.network import LEARNED_GATE, Gate, PolicyNetwork
 from vuca_nav.policy.observation import Observer, command_from_action, goal_features, limits_of
 from vuca_nav.policy.weights_file import ACTION_SIZE, PolicyWeights, Single
 from vuca_nav.telemetry import Telemetry
-from vuca_nav.types import STOP, BodySpec, FloatArray, LidarSpec, Pose2, VelocityCommand
+from vuca_nav.types import STOP, BodySpec, FloatArray, LidarSpec, VelocityCommand
 
 BLIND_SHARE = 0.3
 """Of the command that is given while no beam returns at all: on an open field, or behind a lidar that died."""
@@ -107,27 +105,3 @@ class LearnedPolicy(LocalPolicy):
             self.telemetry.gate(self.network.shares)
         v_x, v_y, w_z = command_from_action(self._action, self._limits) * (BLIND_SHARE if self._blind else 1.0)
         return VelocityCommand(float(v_x), float(v_y), float(w_z))
-
-
-class PolicyCritic(SafetyCritic):
-    """V^h: the critic's value of what the robot sees now, were the point its goal (Section III-C) ...
-
-    ... less its value on an empty floor: the fusion rewards pay for every metre towards the goal, so that the value
-    alone grows with the goal's distance, which D^h is there for. The difference is what the surroundings cost.
-
-    Args:
-        policy: Whose critic, and whose eyes.
-    """
-
-    def __init__(self, policy: LearnedPolicy):
-        self.policy = policy
-        self._config = policy.network.weights.observation
-
-    def values(self, points_in_map: FloatArray, map_from_base: Pose2) -> FloatArray:
-        """Higher is safer, (n,) for points (n, 2) [m]; all alike while there is nothing to go by."""
-        observation = self.policy.observation
-        if observation is None:
-            return np.zeros(len(points_in_map))
-        points_in_base = transform_points(inverse(map_from_base), points_in_map)
-        goals, network = goal_features(points_in_base), self.policy.network
-        return network.values(observation, goals) - network.values(self._config.cleared(observation), goals)

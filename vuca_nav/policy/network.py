@@ -1,4 +1,4 @@
-"""Gate, experts and critic of a local policy (Section III-B), evaluated without torch."""
+"""Gate and experts of a local policy (Section III-B), evaluated without torch."""
 
 import math
 from dataclasses import dataclass, field
@@ -7,7 +7,6 @@ import numpy as np
 from numba import njit
 
 from vuca_nav.errors import BadArgument
-from vuca_nav.policy.observation import GOAL_SIZE
 from vuca_nav.policy.weights_file import PolicyWeights, Single
 from vuca_nav.types import FloatArray
 
@@ -27,7 +26,7 @@ LEARNED_GATE, UNIFORM_GATE = Gate(), Gate(uniform=True)
 
 @dataclass(slots=True)
 class PolicyNetwork:
-    """Actor and critic of one weights file.
+    """The actor of one weights file.
 
     Fused layers are ``W = sum_n a_n W_n`` and biases likewise (Section III-B). ``sum_n a_n (W_n x + b_n)`` is the
     same and touches every weight once, where fusing first would write a matrix and read it again.
@@ -38,7 +37,6 @@ class PolicyNetwork:
     shares: FloatArray = field(init=False)
     """(E,) the experts' shares of the last action; they add up to 1."""
     _actor: tuple = field(init=False)
-    _critic: tuple = field(init=False)
 
     def __post_init__(self) -> None:
         """Raises BadArgument if there is no such expert to leave out."""
@@ -75,13 +73,6 @@ class PolicyNetwork:
             *(np.empty(size, np.float32) for size in (len(w.mean), *(bias.shape[-1] for bias in w.biases))),
             *(np.empty(len(bias), np.float32) for _, bias in gate),
         )
-        self._critic = (
-            w.mean,
-            w.scale,
-            *(np.ascontiguousarray(weight.T) for weight in w.critic_weights),
-            *w.critic_biases,
-            elu,
-        )
 
     def act(self, observation: Single, action: FloatArray) -> bool:
         """The mean action for an observation.
@@ -94,21 +85,6 @@ class PolicyNetwork:
             Whether all that goes in and comes out is finite.
         """
         return _act(observation, action, *self._actor)
-
-    def values(self, observation: Single, goals: Single) -> FloatArray:
-        """The critic's value of an observation with other goals in O_g's place.
-
-        Args:
-            observation: (x,)
-            goals: (m, 3) as ``goal_features`` gives them.
-
-        Returns:
-            (m,)
-        """
-        out = np.empty(len(goals))
-        at = self.weights.observation.goal_slice.start
-        _values(observation, goals, out, at, *self._critic)
-        return out
 
 
 @njit(cache=True, nogil=True)
@@ -191,26 +167,3 @@ def _activate(values, elu):
     else:
         for i in range(len(values)):
             values[i] = max(values[i], np.float32(0.0))
-
-
-@njit(cache=True, nogil=True)
-def _values(observation, goals, out, at, mean, scale, w0, w1, w2, b0, b1, b2, elu):
-    # The goals' part of the first layer is all that differs between rows.
-    common = b0.copy()
-    for i in range(len(observation)):
-        if i < at or i >= at + GOAL_SIZE:
-            xi = (observation[i] - mean[i]) * scale[i]
-            for j in range(len(common)):
-                common[j] += w0[i, j] * xi
-    h0, h1, h2 = np.empty_like(b0), np.empty_like(b1), np.empty_like(b2)
-    for row in range(len(goals)):
-        h0[:] = common
-        for k in range(GOAL_SIZE):
-            xi = (goals[row, k] - mean[at + k]) * scale[at + k]
-            for j in range(len(h0)):
-                h0[j] += w0[at + k, j] * xi
-        _activate(h0, elu)
-        _layer(h0, w1, b1, h1)
-        _activate(h1, elu)
-        _layer(h1, w2, b2, h2)
-        out[row] = h2[0]

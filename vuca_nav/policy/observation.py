@@ -88,15 +88,6 @@ class ObservationConfig:
         size = self.goal_slice.stop + TWIST_SIZE
         return size if self.kind == "paper" else size + BODY_SIZE + THINGS_SIZE
 
-    def cleared(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The same moment (size,) on an endless empty floor: nothing stands or moves; goal and body as they are."""
-        empty = observation.copy()
-        empty[: self.sectors] = 1.0
-        empty[self.sectors : self.goal_slice.start] = 0.0
-        if self.kind == "tracked":
-            empty[-THINGS_SIZE:] = 0.0
-        return empty
-
     def mirror(self) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
         """Order (size,) and signs (size,) of the observation with left and right exchanged: ``o[order] * signs``."""
         order, signs = np.arange(self.size), np.ones(self.size, np.float32)
@@ -184,6 +175,7 @@ class Observer:
         motions: NDArray[np.floating],
         out: NDArray[np.float32],
         first_of: NDArray[np.int64] | None = None,
+        only: NDArray[np.int64] | None = None,
     ) -> None:
         """The next observation of every row.
 
@@ -196,11 +188,13 @@ class Observer:
             out: (n, size), written to.
             first_of: Only the first observation of these rows, which were reset since the last call; for the others
                 no time passes.
+            only: Leave the other rows' observations alone; they must be reset before they are looked at again.
         """
         config = self.config
         if first_of is None:
             self._slot = (self._slot + 1) % self._scans.shape[1]
         rows = self._every if first_of is None else first_of
+        rows = rows if only is None else only
         _observe(
             rows, ranges, goals_in_base, twists, self.outline, self.limits, self._bodies, self._scans, self._fresh,
             self._slot, self._lags, config.sectors, config.max_range, config.spacing, config.goal_slice.start, out,

@@ -65,19 +65,19 @@ def load_weights(path: Path) -> PolicyWeights:
     activation = metadata.get("activation")
     if activation not in ACTIVATIONS:
         raise BadWeights(f"{path}: activation is {activation!r}, expected one of {', '.join(ACTIVATIONS)}")
-    observation = _observation_config(path, metadata)
+    observation = observation_config(path, metadata)
     x = observation.size
     first = present(path, tensors, "weight_0")
     if first.ndim != 3 or 0 in first.shape:
         raise BadWeights(f"{path}: tensor 'weight_0' has shape {first.shape}, expected (experts, hidden units, {x})")
     experts = first.shape[0]
     shapes: dict[str, tuple[int, ...]] = {"mean": (x,), "scale": (x,)}
-    shapes |= _layer_shapes(path, tensors, "", x, ACTION_SIZE, LAYERS, (experts,))
-    shapes |= _layer_shapes(path, tensors, "critic_", x, 1, LAYERS)
+    shapes |= layer_shapes(path, tensors, "", x, ACTION_SIZE, LAYERS, (experts,))
+    shapes |= layer_shapes(path, tensors, "critic_", x, 1, LAYERS)
     gate_layers = 0
     if experts > 1:
         gate_layers = 3 if "gate_weight_2" in tensors else 2
-        shapes |= _layer_shapes(path, tensors, "gate_", x, experts, gate_layers)
+        shapes |= layer_shapes(path, tensors, "gate_", x, experts, gate_layers)
     odd = sorted(set(tensors) - set(shapes))
     if odd:
         raise BadWeights(f"{path}: tensor {odd[0]!r} does not belong there (expected: {', '.join(sorted(shapes))})")
@@ -102,7 +102,12 @@ def load_weights(path: Path) -> PolicyWeights:
     )
 
 
-def _observation_config(path: Path, metadata: dict[str, str]) -> ObservationConfig:
+def observation_config(path: Path, metadata: dict[str, str]) -> ObservationConfig:
+    """What the network in a file looks at.
+
+    Raises:
+        BadWeights: If the file does not say.
+    """
     names = {entry.name for entry in fields(ObservationConfig)}
     try:
         content = json.loads(metadata.get("observation", ""))
@@ -113,7 +118,7 @@ def _observation_config(path: Path, metadata: dict[str, str]) -> ObservationConf
         raise BadWeights(f"{path}: its observation is not one: {error}") from error
 
 
-def _layer_shapes(
+def layer_shapes(
     path: Path,
     tensors: dict[str, np.ndarray],
     prefix: str,
@@ -122,7 +127,11 @@ def _layer_shapes(
     layers: int,
     stack: tuple[int, ...] = (),
 ) -> dict[str, tuple[int, ...]]:
-    """What the tensors of a network must be like, given how many units the hidden layers' biases have."""
+    """What the tensors of a network must be like, given how many units the hidden layers' biases have.
+
+    Raises:
+        BadWeights: If a hidden layer's bias is missing or empty.
+    """
     shapes: dict[str, tuple[int, ...]] = {}
     size = inputs
     for k in range(layers):

@@ -8,12 +8,15 @@ import pytest
 from tests.train.navigation.open_ground import OpenGround
 from train.arena.config import KINDS, ArenaConfig
 from train.locomotion.curves import read_log
+from train.navigation import commands
 from train.navigation import run as run_module
 from train.navigation.commands import train_navigation
 from train.navigation.ppo import Learner
 from train.navigation.rewards import find_rewards
+from train.navigation.safety import SafetyConfig
 from train.navigation.stages import EVERYTHING, STAGES, StageConfig, from_scratch
 from train.navigation.team import Alone
+from vuca_nav.policy.safety import load_safety
 from vuca_nav.policy.weights_file import WEIGHTS_FOLDER, load_weights
 
 ITERATIONS = 4
@@ -33,6 +36,8 @@ def tiny(monkeypatch):
     for name, stage in list(STAGES.items()):
         monkeypatch.setitem(STAGES, name, shrunken(stage))
     monkeypatch.setattr(run_module, "SAVE_EVERY", 2)
+    safety = SafetyConfig(arena=ArenaConfig(layouts=1, pairs=4, num_bodies=2), rounds=2, episodes=8, hidden=8)
+    monkeypatch.setattr(commands, "SafetyConfig", lambda: safety)
 
 
 @pytest.mark.parametrize("stage", STAGES.values(), ids=list(STAGES))
@@ -75,13 +80,15 @@ def _die_in(out, name):
 def test_all_of_them_one_after_another_killed_and_gone_on_with(tmp_path, tiny, capsys):
     whole, torn = tmp_path / "whole", tmp_path / "torn"
     assert train_all(whole) == 0
-    assert [line.rsplit("/", 2)[1] for line in capsys.readouterr().out.splitlines()] == list(EVERYTHING)
+    assert [line.rsplit("/", 2)[1] for line in capsys.readouterr().out.splitlines()] == [*EVERYTHING, "safety"]
     child = multiprocessing.get_context("fork").Process(target=_die_in, args=(torn, "fusion"))
     child.start()
     child.join()
     assert child.exitcode == -signal.SIGKILL
     assert {path.name for path in torn.iterdir()} == {*EVERYTHING[: EVERYTHING.index("fusion") + 1]}
     assert train_all(torn, "--resume") == 0
+    critics = [load_safety(out / "safety" / "safety.safetensors") for out in (whole, torn)]
+    assert all((a == b).all() for a, b in zip(critics[0].weights, critics[1].weights))
     for name in EVERYTHING:
         first, second = (out / name / f"{name}.safetensors" for out in (whole, torn))
         weights, again = load_weights(first), load_weights(second)

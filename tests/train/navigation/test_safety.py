@@ -1,0 +1,186 @@
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from tests.vuca_nav.random_policy import random_policy
+from train.arena.arena import Arena
+from train.arena.config import ArenaConfig, Imperfections
+from train.navigation import safety as module
+from train.navigation.commands import train_navigation
+from train.navigation.safety import BINS, SafetyConfig, SafetyTraining, Samples, judge, make_network, play
+from train.navigation.weights import actor_of
+from vuca_nav.errors import BadArgument, BadWeights
+from vuca_nav.policy.observation import ObservationConfig, goal_features
+from vuca_nav.policy.safety import load_safety
+from vuca_nav.policy.weights_file import load_weights
+
+TRACKED = ObservationConfig(kind="tracked")
+ARENA = ArenaConfig(layouts=1, pairs=8, num_bodies=2)
+TINY = SafetyConfig(arena=ARENA, rounds=3, episodes=12, passes=1, hidden=8, minibatch=64)
+
+
+@pytest.fixture
+def policy(tmp_path):
+    path = tmp_path / "fusion_plus" / "fusion_plus.safetensors"
+    path.parent.mkdir()
+    return random_policy(path, TRACKED, hidden=8)
+
+
+class Ahead:
+    """A policy that only goes straight on."""
+
+    def gate(self, observation):
+        return observation[:, :1]
+
+    def mean(self, observation, shares):
+        return torch.tensor([[1.0, 0.0, 0.0]]).expand(len(observation), 3)
+
+
+def test_what_a_meeting_counts_falls_with_the_time_before_it():
+    arena = Arena(replace(ARENA.of("dynamic"), movers=(20, 20)), TRACKED, 64, 0, once=True)
+    config = replace(TINY, spacing=1, sent=0.0)
+    samples = play(arena, Ahead(), config, 5)  # type: ignore[arg-type]
+    again = Arena(replace(ARENA.of("dynamic"), movers=(20, 20)), TRACKED, 64, 0, once=True)
+    again.reset(5)
+    ages = np.zeros(64, int)
+    while (active := again.active).any():
+        again.step(np.tile(np.float32([1.0, 0.0, 0.0]), (64, 1)))
+        ages[active] += 1
+    assert len(samples.safety) == ages.sum()
+    first = samples.safety[:64]  # of the first decision; the others have hit the outer wall
+    met = first < 1.0
+    assert 10 < met.sum() < 64
+    assert first[met] == pytest.approx(1.0 - np.exp(-0.1 * ages[met] / config.time), abs=1e-6)
+    assert samples.safety.min() == pytest.approx(1.0 - math.exp(-0.1 / config.time), abs=1e-6)
+
+
+def test_walls_count_for_nothing():
+    arena = Arena(ARENA.of("static"), TRACKED, 64, 0, once=True)
+    samples = play(arena, Ahead(), TINY, 5)  # type: ignore[arg-type]
+    assert arena.outputs.collided.sum() > 10
+    assert (samples.safety == 1.0).all()
+
+
+def test_who_is_sent_elsewhere_sees_it_at_once():
+    arena = Arena(replace(ARENA, imperfections=Imperfections.none()), TRACKED, 4, 3, threads=2)
+    observation = arena.reset()
+    before = observation.copy()
+    second = arena.shards[1]
+    goals = second.rows.pose[:1, :2] + (3.0, 4.0)
+    second.send_to(np.array([0]), goals)
+    assert (observation[[0, 1, 3]] == before[[0, 1, 3]]).all()
+    yaw = second.rows.pose[0, 2]
+    c, s = math.cos(yaw), math.sin(yaw)
+    expected = goal_features(np.array([[3.0 * c + 4.0 * s, 4.0 * c - 3.0 * s]]))[0]
+    assert observation[2, TRACKED.goal_slice] == pytest.approx(expected, abs=1e-6)
+    rest = np.delete(np.arange(TRACKED.size), np.arange(TRACKED.size)[TRACKED.goal_slice])
+    assert (observation[2, rest] == before[2, rest]).all()
+    progress = arena.step(np.zeros((4, 3), np.float32)).progress
+    assert progress[2] == pytest.approx(0.0, abs=1e-6)  # of 5 m, it has gone nowhere
+    assert observation[2, TRACKED.goal_slice] == pytest.approx(expected, abs=1e-5)
+
+
+def test_what_was_seen_before_another_goal_was_given_is_not_learnt_from():
+    arena = Arena(replace(ARENA.of("square"), movers=(0, 0)), TRACKED, 64, 0, once=True)
+    config = replace(TINY, spacing=1, sent=1.0, sent_elsewhere=(4, 5))
+    goals = []
+    real = module._send_elsewhere
+
+    def spy(arena, sent, draws):
+        real(arena, sent, draws)
+        if sent.any():
+            goals.append((sent.copy(), arena.outputs.observation[:, TRACKED.goal_slice].copy()))
+
+    module._send_elsewhere, before = spy, module._send_elsewhere
+    try:
+        samples = play(arena, Ahead(), config, 5)  # type: ignore[arg-type]
+    finally:
+        module._send_elsewhere = before
+    ((sent, seen),) = goals
+    assert sent.sum() > 32
+    # The first samples are of the decision at which they were sent, with the goals that they were given.
+    assert samples.observations[: sent.sum(), TRACKED.goal_slice] == pytest.approx(seen[sent])
+    original = Arena(replace(ARENA.of("square"), movers=(0, 0)), TRACKED, 64, 0, once=True)
+    observation = original.reset(5)
+    for _ in range(4):
+        original.step(np.tile(np.float32([1.0, 0.0, 0.0]), (64, 1)))
+    changed = (observation[sent, TRACKED.goal_slice] != seen[sent]).any(axis=1)
+    assert changed.mean() > 0.7  # some are sent where they were going
+
+
+def test_samples_do_not_depend_on_the_threads(policy):
+    actor = actor_of(load_weights(policy))
+    one, two = (play(Arena(ARENA, TRACKED, 12, 0, threads, once=True), actor, TINY, 9) for threads in (1, 2))
+    for a, b in zip(one, two):
+        assert np.array_equal(a, b)
+    assert 0 < len(one.safety) == len(one.observations)
+
+
+def test_foresight_is_judged_by_hand():
+    network = make_network(1, 4, torch.Generator().manual_seed(0))
+    with torch.no_grad():
+        for layer in network:
+            if isinstance(layer, torch.nn.Linear):
+                layer.weight.zero_()
+        network[-1].bias.fill_(math.log(0.8 / 0.2))  # type: ignore[union-attr]
+    report = judge(network, Samples(np.zeros((4, 1), np.float32), np.array([1.0, 1.0, 1.0, 0.0], np.float32)))
+    assert report["loss"] == pytest.approx(-(3.0 * math.log(0.8) + math.log(0.2)) / 4.0)
+    assert report["baseline"] == pytest.approx(-(0.75 * math.log(0.75) + 0.25 * math.log(0.25)))
+    assert report["met"] == pytest.approx(0.25)
+    assert sum(report["count"]) == 4
+    at = report["count"].index(4)
+    assert at in (7, 8)
+    assert (report["foreseen"][at], report["came"][at]) == (pytest.approx(0.8), pytest.approx(0.75))
+    assert len(report["came"]) == BINS
+
+
+def test_a_run_that_is_gone_on_with_gives_the_same_bits(policy, tmp_path, monkeypatch):
+    def train(out, config=TINY, resume=False):
+        training = SafetyTraining(config, 4, policy, out, 1, "vuca train safety", resume=resume)
+        training.run()
+        return load_safety(training.weights)
+
+    whole = train(tmp_path / "whole")
+    save = SafetyTraining._save
+
+    def torn(self, network, optimiser, done, elapsed):
+        if done == 2:  # after the log's row, before the checkpoint
+            raise KeyboardInterrupt
+        save(self, network, optimiser, done, elapsed)
+
+    monkeypatch.setattr(SafetyTraining, "_save", torn)
+    with pytest.raises(KeyboardInterrupt):
+        train(tmp_path / "torn")
+    monkeypatch.setattr(SafetyTraining, "_save", save)
+    with pytest.raises(BadArgument, match="go on with it by --resume"):
+        train(tmp_path / "torn")
+    with pytest.raises(BadArgument, match=r"differs in safety.passes"):
+        train(tmp_path / "torn", replace(TINY, passes=2), resume=True)
+    again = train(tmp_path / "torn", resume=True)
+    for a, b in zip((*whole.weights, *whole.biases), (*again.weights, *again.biases)):
+        assert np.array_equal(a, b)
+    rows = [json.loads(line) for line in (tmp_path / "torn" / "log.jsonl").read_text().splitlines()]
+    assert [row["round"] for row in rows] == [1, 2, 3]
+    assert (tmp_path / "torn" / "curves.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "torn" / "safety.md").read_text().startswith("# safety\n")
+
+
+def test_the_command(policy, tmp_path, capsys):
+    small = ["--rounds", "1", "--episodes", "8", "--layouts", "1", "--pairs", "4", "--num-bodies", "2", "--hidden", "8"]
+    arguments = ["--out", str(tmp_path), "--workers", "1", *small]
+    assert train_navigation("safety", arguments) == 0
+    assert capsys.readouterr().out.strip() == f"weights: {tmp_path}/safety/safety.safetensors"
+    assert load_safety(tmp_path / "safety" / "safety.safetensors").metadata["seed"] == "0"
+    with pytest.raises(BadArgument, match="seed must be 0 or more"):
+        train_navigation("safety", [*arguments, "--seed", "-1", "--out", str(tmp_path / "b")])
+    with pytest.raises(BadWeights, match="no policy weights at"):
+        train_navigation("safety", [*arguments, "--out", str(tmp_path / "none")])
+    with pytest.raises(BadArgument, match="--workers must be 1 or more"):
+        train_navigation("safety", [*arguments, "--workers", "0"])
+    for changes in ({"rounds": 0}, {"sent_elsewhere": (5, 5)}, {"time": 0.0}):
+        with pytest.raises(BadArgument):
+            replace(TINY, **changes)

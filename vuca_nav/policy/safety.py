@@ -1,0 +1,109 @@
+"""V^h of Section III-C: a critic's guess at the chance of getting to a place without meeting anything that moves."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from vuca_nav.errors import BadArgument, BadWeights
+from vuca_nav.exploration.heuristic import SafetyCritic
+from vuca_nav.geometry import inverse, transform_points
+from vuca_nav.policy.learned import LearnedPolicy
+from vuca_nav.policy.observation import ObservationConfig, goal_features
+from vuca_nav.policy.weights_file import (
+    LAYERS,
+    WEIGHTS_FOLDER,
+    PolicyWeights,
+    Single,
+    layer_shapes,
+    observation_config,
+)
+from vuca_nav.types import FloatArray, Pose2
+from vuca_nav.weights import checked, read_weights
+
+FORMAT = "vuca-safety-1"
+SHIPPED = WEIGHTS_FOLDER / "safety.safetensors"
+BATCH = 4096
+"""Points that are rated at a time: their hidden layers are held in memory."""
+
+
+@dataclass(frozen=True, slots=True)
+class SafetyWeights:
+    """What a critic's file holds, checked: a network with ReLU that gives the logit of the chance."""
+
+    path: Path
+    observation: ObservationConfig
+    metadata: dict[str, str]
+    """As it is in the file: training command, seed, ..."""
+    weights: tuple[Single, ...]
+    """(outputs, inputs), three times."""
+    biases: tuple[Single, ...]
+
+
+def load_safety(path: Path) -> SafetyWeights:
+    """Read a critic.
+
+    Raises:
+        BadWeights: If the file is missing, is not safetensors, is of another format, lacks a tensor or has one too
+            many, or one of another shape or type or with a number that is not finite in single precision.
+    """
+    if not path.is_file():
+        raise BadWeights(f"no weights of a safety critic at {path}; make them with: vuca train safety")
+    tensors, metadata = read_weights(path)
+    if metadata.get("format") != FORMAT:
+        raise BadWeights(f"{path}: format is {metadata.get('format')!r}, expected {FORMAT!r}")
+    observation = observation_config(path, metadata)
+    shapes = layer_shapes(path, tensors, "", observation.size, 1, LAYERS)
+    odd = sorted(set(tensors) - set(shapes))
+    if odd:
+        raise BadWeights(f"{path}: tensor {odd[0]!r} does not belong there (expected: {', '.join(sorted(shapes))})")
+    good = {name: checked(path, tensors, name, shape) for name, shape in shapes.items()}
+    weights, biases = (tuple(good[f"{name}_{k}"] for k in range(LAYERS)) for name in ("weight", "bias"))
+    return SafetyWeights(path, observation, metadata, weights, biases)
+
+
+def check_goes_with(policy: PolicyWeights, critic: SafetyWeights) -> None:
+    """Raises BadArgument if the policy looks at something else than the critic does."""
+    if policy.observation != critic.observation:
+        raise BadArgument(
+            f"{policy.path} looks at {policy.observation}, but V^h's critic {critic.path.name} at "
+            f"{critic.observation}: take a method without V^h, such as 'ours-dh'"
+        )
+
+
+class LearnedSafety(SafetyCritic):
+    """What the robot sees now, were the point its goal: all points in one batch (Section III-C).
+
+    The paper takes the value that the policy was trained with. That pays for every metre towards the goal, so that it
+    mostly measures distance, which D^h is there for; this critic was trained for nothing but who might be met
+    (``train.navigation.safety``).
+
+    Args:
+        policy: Whose eyes it sees with.
+        weights: Of ``load_safety``.
+
+    Raises:
+        BadArgument: If the policy looks at something else than the critic does.
+    """
+
+    def __init__(self, policy: LearnedPolicy, weights: SafetyWeights):
+        check_goes_with(policy.network.weights, weights)
+        self.policy = policy
+        self._goal = weights.observation.goal_slice
+        self._weights, self._biases = weights.weights, weights.biases
+
+    def values(self, points_in_map: FloatArray, map_from_base: Pose2) -> FloatArray:
+        """Chances (n,) for points (n, 2) [m]; all 1 while there is nothing to go by."""
+        observation = self.policy.observation
+        if observation is None:
+            return np.ones(len(points_in_map))
+        goals = goal_features(transform_points(inverse(map_from_base), points_in_map))
+        (first, second, last), (bias, bias_1, bias_2), at = self._weights, self._biases, self._goal
+        # The goals' part of the first layer is all that differs between points.
+        common = first @ observation + bias - first[:, at] @ observation[at]
+        logit = np.empty(len(goals))
+        for k in range(0, len(goals), BATCH):
+            hidden = np.maximum(common + goals[k : k + BATCH] @ first[:, at].T, 0.0)
+            hidden = np.maximum(hidden @ second.T + bias_1, 0.0)
+            logit[k : k + BATCH] = (hidden @ last.T + bias_2)[:, 0]
+        return 1.0 / (1.0 + np.exp(-np.clip(logit, -50.0, 50.0)))
