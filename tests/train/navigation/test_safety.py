@@ -11,6 +11,7 @@ from train.arena.arena import Arena
 from train.arena.config import ArenaConfig, Imperfections
 from train.navigation import safety as module
 from train.navigation.commands import train_navigation
+from train.navigation.mirror import observation_mirror
 from train.navigation.safety import BINS, SafetyConfig, SafetyTraining, Samples, judge, make_network, play
 from train.navigation.weights import actor_of
 from vuca_nav.errors import BadArgument, BadWeights
@@ -184,3 +185,21 @@ def test_the_command(policy, tmp_path, capsys):
     for changes in ({"rounds": 0}, {"sent_elsewhere": (5, 5)}, {"time": 0.0}):
         with pytest.raises(BadArgument):
             replace(TINY, **changes)
+
+
+def test_what_is_learnt_on_one_side_holds_on_the_other(policy, tmp_path):
+    training = SafetyTraining(replace(TINY, passes=30, rate=1e-2), 0, policy, tmp_path / "run", 1, "", resume=False)
+    rng = np.random.default_rng(0)
+    x = rng.uniform(-1.0, 1.0, (512, TRACKED.size)).astype(np.float32)
+    sine = TRACKED.goal_slice.start + 2
+    samples = Samples(x, (x[:, sine] > 0.0).astype(np.float32))  # safe to the left, which nobody can know
+    mirror = observation_mirror(TRACKED)
+    network = make_network(TRACKED.size, 16, torch.Generator().manual_seed(1))
+    optimiser = torch.optim.Adam(network.parameters())
+    training._learn(network, optimiser, samples, mirror, 0, torch.Generator().manual_seed(2))
+    ask = torch.zeros(1, TRACKED.size)
+    ask[0, sine] = 1.0
+    order, signs = mirror
+    with torch.no_grad():
+        left, right = (network(seen).sigmoid().item() for seen in (ask, ask[:, order] * signs))
+    assert abs(left - right) < 0.3
