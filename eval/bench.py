@@ -34,7 +34,7 @@ from worlds.registry import make_world
 SEED = 0
 POSES = 200
 """From so many random poses the lidar looks."""
-LOOP = EpisodeConfig(world="factory", region=4)
+LOOP = EpisodeConfig(world="factory", region=4, method="dwa-dh")
 LOOP_TIME = 100.0
 """Simulated at least [s]."""
 STAGES: list[dict[str, Any]] = [

@@ -134,7 +134,7 @@ ALL: dict[str, Method] = {
 METHODS: dict[str, Method] = {
     name: method for name, method in ALL.items() if method.learned is None or method.learned.is_shipped
 }
-BEST = "dwa-dh"
+BEST = "ours"
 """What runs when no method is named."""
 
 
