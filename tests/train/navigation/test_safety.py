@@ -20,6 +20,7 @@ from vuca_nav.policy.safety import load_safety
 from vuca_nav.policy.weights_file import load_weights
 
 TRACKED = ObservationConfig(kind="tracked")
+STRAIGHT_ON = np.array([1.0, 0.0, 0.0], np.float32)
 ARENA = ArenaConfig(layouts=1, pairs=8, num_bodies=2)
 TINY = SafetyConfig(arena=ARENA, rounds=3, episodes=12, passes=1, hidden=8, minibatch=64)
 
@@ -38,7 +39,7 @@ class Ahead:
         return observation[:, :1]
 
     def mean(self, observation, shares):
-        return torch.tensor([[1.0, 0.0, 0.0]]).expand(len(observation), 3)
+        return torch.from_numpy(STRAIGHT_ON).expand(len(observation), 3)
 
 
 def test_what_a_meeting_counts_falls_with_the_time_before_it():
@@ -49,7 +50,7 @@ def test_what_a_meeting_counts_falls_with_the_time_before_it():
     again.reset(5)
     ages = np.zeros(64, int)
     while (active := again.active).any():
-        again.step(np.tile(np.float32([1.0, 0.0, 0.0]), (64, 1)))
+        again.step(np.tile(STRAIGHT_ON, (64, 1)))
         ages[active] += 1
     assert len(samples.safety) == ages.sum()
     first = samples.safety[:64]  # of the first decision; the others have hit the outer wall
@@ -108,7 +109,7 @@ def test_what_was_seen_before_another_goal_was_given_is_not_learnt_from():
     original = Arena(replace(ARENA.of("square"), movers=(0, 0)), TRACKED, 64, 0, once=True)
     observation = original.reset(5)
     for _ in range(4):
-        original.step(np.tile(np.float32([1.0, 0.0, 0.0]), (64, 1)))
+        original.step(np.tile(STRAIGHT_ON, (64, 1)))
     changed = (observation[sent, TRACKED.goal_slice] != seen[sent]).any(axis=1)
     assert changed.mean() > 0.7  # some are sent where they were going
 
