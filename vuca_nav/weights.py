@@ -44,6 +44,20 @@ def present(path: Path, tensors: Mapping[str, np.ndarray], name: str) -> np.ndar
     return tensors[name]
 
 
+def checked_all(
+    path: Path, tensors: Mapping[str, np.ndarray], shapes: Mapping[str, tuple[int, ...]]
+) -> dict[str, NDArray[np.float32]]:
+    """The tensors of these names and shapes, as ``checked`` gives them.
+
+    Raises:
+        BadWeights: If one is missing or not as it must be, or there is one more.
+    """
+    odd = sorted(set(tensors) - set(shapes))
+    if odd:
+        raise BadWeights(f"{path}: tensor {odd[0]!r} does not belong there (expected: {', '.join(sorted(shapes))})")
+    return {name: checked(path, tensors, name, shape) for name, shape in shapes.items()}
+
+
 def checked(path: Path, tensors: Mapping[str, np.ndarray], name: str, shape: tuple[int, ...]) -> NDArray[np.float32]:
     """The tensor of that name, in single precision.
 

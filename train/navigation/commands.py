@@ -18,33 +18,33 @@ from vuca_nav.errors import BadArgument
 
 
 @dataclass(frozen=True)
-class SafetyArguments:
-    """Train the critic of V^h on what comes of episodes in the batched arena."""
+class RunArguments:
+    """What every training is told."""
 
     out: Path = Path("runs/navigation")
     """Directory that holds a directory for each policy, with its checkpoint, log, TensorBoard files, curves, weights
     and their page; policies to start from are looked for here, too."""
     seed: int = 0
-    workers: Annotated[int, tyro.conf.arg(metavar="N")] = field(default_factory=lambda: len(os.sched_getaffinity(0)))
-    """Threads that step the arena, a core each; the weights do not depend on it."""
     resume: bool = False
     """Go on with what is in --out."""
+
+
+@dataclass(frozen=True)
+class SafetyArguments(RunArguments):
+    """Train the critic of V^h on what comes of episodes in the batched arena."""
+
+    workers: Annotated[int, tyro.conf.arg(metavar="N")] = field(default_factory=lambda: len(os.sched_getaffinity(0)))
+    """Threads that step the arena, a core each; the weights do not depend on it."""
     config: SafetyConfig = field(default_factory=SafetyConfig)
 
 
 @dataclass(frozen=True)
-class NavigationArguments:
+class NavigationArguments(RunArguments):
     """Train navigation policies in the batched arena."""
 
-    out: Path = Path("runs/navigation")
-    """Directory that holds a directory for each policy, with its checkpoint, log, TensorBoard files, curves, weights
-    and their page; policies to start from are looked for here, too."""
-    seed: int = 0
     workers: Annotated[int, tyro.conf.arg(metavar="N")] = field(default_factory=lambda: len(os.sched_getaffinity(0)))
     """Processes that learn together, a core each; by default as many as there are cores. Another number gives other
     weights."""
-    resume: bool = False
-    """Go on with what is in --out."""
     collector: Collector = "local"
     """Where the worlds are: local, or on a Ray cluster (found by RAY_ADDRESS, else started here), N workers of it."""
     from_scratch: bool = False

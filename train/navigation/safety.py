@@ -25,7 +25,7 @@ from train.arena.config import ArenaConfig
 from train.arena.shard import Shard
 from train.locomotion.curves import read_log
 from train.navigation.mirror import observation_mirror
-from train.navigation.networks import FusedActor
+from train.navigation.networks import FusedActor, NetworkConfig, make_critic
 from train.navigation.run import CHECKPOINT, LOG, load_checkpoint, open_run
 from train.navigation.weights import actor_of, sorted_header
 from vuca_nav.errors import BadArgument
@@ -88,17 +88,6 @@ class Samples(NamedTuple):
     """(n,) 1, less what a meeting counts."""
 
 
-def make_network(inputs: int, hidden: int, generator: torch.Generator) -> nn.Sequential:
-    """(n, inputs) to the logit of the chance (n, 1)."""
-    layers: list[nn.Module] = []
-    for a, b in ((inputs, hidden), (hidden, hidden), (hidden, 1)):
-        layer = nn.Linear(a, b)
-        nn.init.orthogonal_(layer.weight, 1.0 if b == 1 else 2.0**0.5, generator)
-        nn.init.zeros_(layer.bias)
-        layers += [layer, nn.ReLU()]
-    return nn.Sequential(*layers[:-1])
-
-
 def play(arena: Arena, actor: FusedActor, config: SafetyConfig, seed: int) -> Samples:
     """One round of episodes by the policy's mean actions.
 
@@ -146,7 +135,7 @@ def _send_elsewhere(arena: Arena, sent: NDArray[np.bool_], draws: NDArray[np.flo
         chosen = np.flatnonzero(sent[rows])
         if len(chosen):
             task, end = (draws[rows][chosen] * (pairs.shape[1], 2)).astype(np.int64).T
-            ends = pairs[shard.rows.layout[chosen], task].reshape(len(chosen), -1)[:, :4].reshape(-1, 2, 2)
+            ends = pairs[shard.rows.layout[chosen], task, :4].reshape(-1, 2, 2)  # start and goal
             shard.send_to(chosen, ends[np.arange(len(chosen)), end])
 
 
@@ -200,7 +189,8 @@ class SafetyTraining:
         """All rounds that are left."""
         torch.set_num_threads(1)
         config, observation = self.config, self.policy.observation
-        network = make_network(observation.size, config.hidden, torch.Generator().manual_seed(self.seed))
+        sizes, generator = NetworkConfig(critic=config.hidden), torch.Generator().manual_seed(self.seed)
+        network = make_critic(observation.size, sizes, generator)
         optimiser = torch.optim.Adam(network.parameters(), config.rate)
         done, elapsed = 0, 0.0
         if (self.out / CHECKPOINT).exists():

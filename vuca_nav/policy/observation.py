@@ -193,8 +193,7 @@ class Observer:
         config = self.config
         if first_of is None:
             self._slot = (self._slot + 1) % self._scans.shape[1]
-        rows = self._every if first_of is None else first_of
-        rows = rows if only is None else only
+        rows = next((rows for rows in (first_of, only) if rows is not None), self._every)
         _observe(
             rows, ranges, goals_in_base, twists, self.outline, self.limits, self._bodies, self._scans, self._fresh,
             self._slot, self._lags, config.sectors, config.max_range, config.spacing, config.goal_slice.start, out,

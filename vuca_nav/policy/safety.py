@@ -19,7 +19,7 @@ from vuca_nav.policy.weights_file import (
     observation_config,
 )
 from vuca_nav.types import FloatArray, Pose2
-from vuca_nav.weights import checked, read_weights
+from vuca_nav.weights import checked_all, read_weights
 
 FORMAT = "vuca-safety-1"
 SHIPPED = WEIGHTS_FOLDER / "safety.safetensors"
@@ -54,10 +54,7 @@ def load_safety(path: Path) -> SafetyWeights:
         raise BadWeights(f"{path}: format is {metadata.get('format')!r}, expected {FORMAT!r}")
     observation = observation_config(path, metadata)
     shapes = layer_shapes(path, tensors, "", observation.size, 1, LAYERS)
-    odd = sorted(set(tensors) - set(shapes))
-    if odd:
-        raise BadWeights(f"{path}: tensor {odd[0]!r} does not belong there (expected: {', '.join(sorted(shapes))})")
-    good = {name: checked(path, tensors, name, shape) for name, shape in shapes.items()}
+    good = checked_all(path, tensors, shapes)
     weights, biases = (tuple(good[f"{name}_{k}"] for k in range(LAYERS)) for name in ("weight", "bias"))
     return SafetyWeights(path, observation, metadata, weights, biases)
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vuca_nav.errors import BadArgument, BadWeights
 from vuca_nav.policy.observation import ObservationConfig
-from vuca_nav.weights import checked, present, read_weights
+from vuca_nav.weights import checked_all, present, read_weights
 
 FORMAT = "vuca-policy-1"
 WEIGHTS_FOLDER = Path(__file__).parent / "weights"
@@ -78,10 +78,7 @@ def load_weights(path: Path) -> PolicyWeights:
     if experts > 1:
         gate_layers = 3 if "gate_weight_2" in tensors else 2
         shapes |= layer_shapes(path, tensors, "gate_", x, experts, gate_layers)
-    odd = sorted(set(tensors) - set(shapes))
-    if odd:
-        raise BadWeights(f"{path}: tensor {odd[0]!r} does not belong there (expected: {', '.join(sorted(shapes))})")
-    good = {name: checked(path, tensors, name, shape) for name, shape in shapes.items()}
+    good = checked_all(path, tensors, shapes)
 
     def layers(name: str, count: int) -> tuple[Single, ...]:
         return tuple(good[f"{name}_{k}"] for k in range(count))

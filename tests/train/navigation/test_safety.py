@@ -12,7 +12,8 @@ from train.arena.config import ArenaConfig, Imperfections
 from train.navigation import safety as module
 from train.navigation.commands import train_navigation
 from train.navigation.mirror import observation_mirror
-from train.navigation.safety import BINS, SafetyConfig, SafetyTraining, Samples, judge, make_network, play
+from train.navigation.networks import NetworkConfig, make_critic
+from train.navigation.safety import BINS, SafetyConfig, SafetyTraining, Samples, judge, play
 from train.navigation.weights import actor_of
 from vuca_nav.errors import BadArgument, BadWeights
 from vuca_nav.policy.observation import ObservationConfig, goal_features
@@ -86,7 +87,7 @@ def test_who_is_sent_elsewhere_sees_it_at_once():
     assert observation[2, TRACKED.goal_slice] == pytest.approx(expected, abs=1e-5)
 
 
-def test_what_was_seen_before_another_goal_was_given_is_not_learnt_from():
+def test_what_was_seen_before_another_goal_was_given_is_not_learnt_from(monkeypatch):
     arena = Arena(replace(ARENA.of("square"), movers=(0, 0)), TRACKED, 64, 0, once=True)
     config = replace(TINY, spacing=1, sent=1.0, sent_elsewhere=(4, 5))
     goals = []
@@ -97,11 +98,8 @@ def test_what_was_seen_before_another_goal_was_given_is_not_learnt_from():
         if sent.any():
             goals.append((sent.copy(), arena.outputs.observation[:, TRACKED.goal_slice].copy()))
 
-    module._send_elsewhere, before = spy, module._send_elsewhere
-    try:
-        samples = play(arena, Ahead(), config, 5)  # type: ignore[arg-type]
-    finally:
-        module._send_elsewhere = before
+    monkeypatch.setattr(module, "_send_elsewhere", spy)
+    samples = play(arena, Ahead(), config, 5)  # type: ignore[arg-type]
     ((sent, seen),) = goals
     assert sent.sum() > 32
     # The first samples are of the decision at which they were sent, with the goals that they were given.
@@ -123,7 +121,7 @@ def test_samples_do_not_depend_on_the_threads(policy):
 
 
 def test_foresight_is_judged_by_hand():
-    network = make_network(1, 4, torch.Generator().manual_seed(0))
+    network = make_critic(1, NetworkConfig(critic=4), torch.Generator().manual_seed(0))
     with torch.no_grad():
         for layer in network:
             if isinstance(layer, torch.nn.Linear):
@@ -195,7 +193,7 @@ def test_what_is_learnt_on_one_side_holds_on_the_other(policy, tmp_path):
     sine = TRACKED.goal_slice.start + 2
     samples = Samples(x, (x[:, sine] > 0.0).astype(np.float32))  # safe to the left, which nobody can know
     mirror = observation_mirror(TRACKED)
-    network = make_network(TRACKED.size, 16, torch.Generator().manual_seed(1))
+    network = make_critic(TRACKED.size, NetworkConfig(critic=16), torch.Generator().manual_seed(1))
     optimiser = torch.optim.Adam(network.parameters())
     training._learn(network, optimiser, samples, mirror, 0, torch.Generator().manual_seed(2))
     ask = torch.zeros(1, TRACKED.size)
