@@ -149,7 +149,11 @@ class Navigator:
         self._cerebrum(scan.stamp, pose)
         config = self.config
         self.arrived = distance(pose, self.goal) < (config.goal_slack if self.arrived else config.goal_tolerance)
-        command = STOP if self.arrived or not len(self._path_in_map) else self._cerebellum(seen, pose)
+        if self.arrived or not len(self._path_in_map):
+            self.policy.stopped()
+            command = STOP
+        else:
+            command = self._cerebellum(seen, pose)
         telemetry.command(command)
         self._tick += 1
         return command

@@ -130,11 +130,11 @@ def test_the_shares_are_told_at_every_tick(weights):
     for tick in range(4):
         policy.command(seen(tick))
     assert len(told.shares) == 4
-    assert told.shares[-1] == pytest.approx(policy.gate_shares)
-    assert sum(policy.gate_shares) == pytest.approx(1.0)
+    assert told.shares[-1] == pytest.approx(policy.network.shares)
+    assert sum(policy.network.shares) == pytest.approx(1.0)
     uniform = LearnedPolicy(BODY, LIDAR, weights, UNIFORM_GATE)
     uniform.command(seen(0))
-    assert uniform.gate_shares == pytest.approx([0.25] * 4)
+    assert uniform.network.shares == pytest.approx([0.25] * 4)
 
 
 def test_a_lidar_that_does_not_fit_is_refused(weights):

@@ -12,7 +12,7 @@ from vuca_nav.mapping.grid import GridConfig, OccupancyGrid
 from vuca_nav.navigator import Navigator, NavigatorConfig
 from vuca_nav.policy.dwa import DynamicWindow
 from vuca_nav.telemetry import Telemetry
-from vuca_nav.types import LidarSpec, Odometry, Pose2, Scan, Twist2
+from vuca_nav.types import STOP, LidarSpec, Odometry, Pose2, Scan, Twist2
 
 DT = 1.0 / 30.0
 
@@ -209,6 +209,24 @@ def test_who_walks_is_not_mapped_while_the_robot_leans_either():
             odometry = Odometry(k * DT, Pose2(0.0, 0.0, 0.0), Twist2(0.0, 0.0, 0.0), up)
             navigator.step(Scan(k * DT, ranges), odometry)
         assert max(navigator.slam.navigation_grid.state(*(there * share)) for share in (0.98, 1.0, 1.02)) == state
+
+
+def test_the_policy_is_told_when_it_is_stopped():
+    body = disc_body()
+    policy = DynamicWindow(body, LIDAR)
+    navigator = Navigator(body, LIDAR, policy)
+    navigator.reset(Pose2(5.0, 5.0, 0.0), (7.0, 5.0))
+    scan = scan_of(room(10.0, 10.0), Pose2(5.0, 5.0, 0.0))
+    for k in range(15):
+        navigator.step(Scan(k * DT, scan.ranges), Odometry(k * DT, Pose2(0.0, 0.0, 0.0), Twist2(0.0, 0.0, 0.0)))
+    assert policy._last.v_x > 0.2
+    assert policy._unanswered.last.v_x > 0.2
+    navigator.goal = (5.0, 5.0)  # it is there
+    for k in range(15, 60):
+        navigator.step(Scan(k * DT, scan.ranges), Odometry(k * DT, Pose2(0.0, 0.0, 0.0), Twist2(0.0, 0.0, 0.0)))
+    assert navigator.arrived
+    assert policy._last == STOP
+    assert policy._unanswered.last == STOP
 
 
 def test_rates_must_divide():

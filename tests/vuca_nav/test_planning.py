@@ -86,6 +86,13 @@ def test_path_goes_round_the_wall_and_keeps_its_distance():
     assert lengths.max() < 0.25
 
 
+def test_a_path_within_a_cell_leads_to_the_point_all_the_same():
+    costmap = Costmap(as_grid(hall(30, 30)), 0.3, (1.51, 1.51), CostmapConfig())
+    assert costmap.cell(1.51, 1.51) == costmap.cell(1.59, 1.59)
+    path = PathField(costmap, (1.51, 1.51)).path_to(1.59, 1.59)
+    assert path.tolist() == [[1.51, 1.51], [1.59, 1.59]]
+
+
 def test_a_door_narrower_than_the_body_is_closed():
     for door, passes in ((7, False), (10, True)):
         picture = hall(60, 40)

@@ -125,6 +125,21 @@ def test_a_turn_is_believed_within_three_scans(seed):
     assert np.hypot(*(velocities[nearest] - rotated((0.0, -1.0), -0.2))) < 0.35
 
 
+@pytest.mark.parametrize("missed", [(), (1,), (1, 2), (8, 9, 10)])
+def test_a_thing_that_was_missed_is_no_faster_when_it_is_found_again(missed):
+    tracker, fresh, speeds = Tracker(1, 180, 0.1, 0.1), np.ones(1, np.bool_), []
+    for k in range(15):
+        discs = [] if k in missed else [(2.5, -0.5 + 0.1 * k, 0.25)]
+        tracker.update(
+            ONE, look(Pose2(0.0, 0.0, 0.0), discs, NO_BOXES)[None], np.zeros((1, 3)), np.full(1, REACH), fresh
+        )
+        fresh[:] = False
+        known = tracker.tracks[0, tracker.tracks[0, :, 5] > 0.0]
+        speeds += [np.hypot(*thing[2:4]) for thing in known]
+    assert max(speeds) < 1.15  # it goes at 1
+    assert speeds[-1] == pytest.approx(1.0, abs=0.1)
+
+
 def test_posts_stand_however_the_robot_drives():
     posts = [(4.0, 4.4, 0.2), (3.2, 2.0, 0.15), (5.5, 3.0, 0.25)]
     pose, seen = drive(Observer(TRACKED, [BODY], 180, 10.0), lambda t: posts, 1.5, rng=np.random.default_rng(1))

@@ -44,9 +44,9 @@ class PathField:
         i, j = self.costmap.cell(x, y)
         cells = _trace(self._came_by, i, j, _DI, _DJ)
         points = (cells[::-1, ::-1].astype(np.float64) + 0.5) * self.costmap.resolution + np.array(self.costmap.origin)
-        points[0] = self.start
-        if len(points) > 1:
-            points[-1] = x, y
+        if len(points) == 1:
+            return np.array([self.start, (x, y)])
+        points[0], points[-1] = self.start, (x, y)
         return points
 
     def on_the_way(self, points_in_map: FloatArray, length: float) -> FloatArray:

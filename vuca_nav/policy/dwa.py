@@ -93,6 +93,11 @@ class DynamicWindow(LocalPolicy):
         self._since_progress = STANDING
         self._waited = self._escaping = 0.0
 
+    def stopped(self) -> None:
+        """The body was told to stand."""
+        self._last = STOP
+        self._unanswered.add(STOP)
+
     def command(self, observation: LocalObservation) -> VelocityCommand:
         """The best pair of the window.
 

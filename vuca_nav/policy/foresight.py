@@ -126,11 +126,11 @@ def _risk(
     total, favourite = 0.0, 1
     for s in range(len(futures)):
         so_far = _harm(futures[s], things, near, discs, trajectories[0], 0, first, dt, mover_margin, mover_growth)
-        least = 1.0
+        least, begin_with = 1.0, favourite
         for attempt in range(len(ways)):
             if least <= so_far or so_far == 1.0:
                 break
-            m = (favourite + attempt) % len(ways)
+            m = (begin_with + attempt) % len(ways)
             if not known[m]:
                 _follow(
                     field, resolution, reach, discs, ways[m], u, turned, limits, accelerations, dt, margin,

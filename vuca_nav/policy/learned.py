@@ -4,26 +4,21 @@ import math
 
 import numpy as np
 
-from vuca_nav.policy.base import LocalObservation, LocalPolicy
+from vuca_nav.policy.base import LocalObservation, LocalPolicy, is_gap
 from vuca_nav.policy.network import LEARNED_GATE, Gate, PolicyNetwork
 from vuca_nav.policy.observation import Observer, command_from_action, goal_features, limits_of
 from vuca_nav.policy.weights_file import ACTION_SIZE, PolicyWeights, Single
 from vuca_nav.telemetry import Telemetry
-from vuca_nav.types import STOP, BodySpec, FloatArray, LidarSpec, VelocityCommand
+from vuca_nav.types import STOP, BodySpec, LidarSpec, VelocityCommand
 
 BLIND_SHARE = 0.3
 """Of the command that is given while no beam returns at all: on an open field, or behind a lidar that died."""
-MOST_PERIODS = 2.5
-"""Between two scans; after a longer gap what was seen before it is forgotten. A single lost scan is no gap."""
-MOST_INVALID = 0.5
-"""Share of a scan's beams that may be NaN (REP-117: a fault, not an empty beam) before the robot stops."""
 
 
 class LearnedPolicy(LocalPolicy):
     """The mean action of a network, at every tick.
 
-    It stops while what it is given cannot be trusted: a scan more than half NaN, a waypoint, velocity or motion that
-    is not a finite number.
+    It stops while what it is given cannot be trusted (``LocalObservation.is_trustworthy``).
 
     Args:
         body: What is driven.
@@ -47,7 +42,7 @@ class LearnedPolicy(LocalPolicy):
         self.network = PolicyNetwork(weights, gate)
         self.telemetry = telemetry
         self._observer = Observer(weights.observation, [body], lidar.num_beams, lidar.rate)
-        self._period = 1.0 / lidar.rate
+        self._rate = lidar.rate
         self._limits = limits_of(body)
         self._observation = np.zeros((1, self._observer.size), np.float32)
         self._action = np.zeros(ACTION_SIZE)
@@ -62,11 +57,6 @@ class LearnedPolicy(LocalPolicy):
         self._blind = False
 
     @property
-    def gate_shares(self) -> FloatArray:
-        """(E,) shares of the experts in the last command."""
-        return self.network.shares
-
-    @property
     def observation(self) -> Single | None:
         """(x,) the last one, O_g as it was then; None before the first that could be trusted."""
         return self._observation[0] if self._usable else None
@@ -74,7 +64,7 @@ class LearnedPolicy(LocalPolicy):
     def look(self, observation: LocalObservation) -> None:
         """Take in what the sensors say now; a gap in time makes it forget what was before."""
         scan = observation.scan
-        if not 0.0 < scan.stamp - self._seen_at < MOST_PERIODS * self._period:
+        if is_gap(self._seen_at, scan.stamp, self._rate):
             self._observer.reset()
         self._seen_at = scan.stamp
         self._goal[0], self._twist[0], self._motion[0] = (
@@ -82,9 +72,7 @@ class LearnedPolicy(LocalPolicy):
             observation.twist,
             observation.motion,
         )
-        invalid = np.count_nonzero(np.isnan(scan.ranges))
-        numbers = self._goal.sum() + self._twist.sum() + self._motion.sum()
-        self._usable = invalid <= MOST_INVALID * len(scan.ranges) and math.isfinite(numbers)
+        self._usable = observation.is_trustworthy
         if not self._usable:
             self._observer.reset()
             return

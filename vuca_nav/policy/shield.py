@@ -14,13 +14,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from vuca_nav.errors import BadArgument
-from vuca_nav.policy.base import LocalObservation, LocalPolicy
+from vuca_nav.policy.base import LocalObservation, LocalPolicy, is_gap
 from vuca_nav.policy.foresight import choose, what_moves, without_movers
 from vuca_nav.policy.futures import Futures, FuturesConfig
 from vuca_nav.policy.surroundings import cover_by_discs, distance_field
 from vuca_nav.policy.tracks import MAX_TRACKS, SLOT_SIZE, Tracker
 from vuca_nav.policy.unanswered import Unanswered
-from vuca_nav.types import NOBODY, BodySpec, FloatArray, LidarSpec, Pose2, VelocityCommand
+from vuca_nav.types import NOBODY, STOP, BodySpec, FloatArray, LidarSpec, Pose2, VelocityCommand
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,6 +166,8 @@ def _cells(reach: float, resolution: float) -> tuple[int, int]:
 class Shield(LocalPolicy):
     """Guards another policy.
 
+    It stops while what it is given cannot be trusted (``LocalObservation.is_trustworthy``), whatever the policy says.
+
     Args:
         body: What is driven.
         lidar: What it sees with.
@@ -181,19 +183,24 @@ class Shield(LocalPolicy):
         self._row, self._reaches = np.zeros(1, np.int64), np.array([config.sight])
         self._motion, self._fresh = np.zeros((1, 3)), np.ones(1, np.bool_)
         self._things = np.zeros((MAX_TRACKS, SLOT_SIZE))
+        self._rate, self._seen_at = lidar.rate, -math.inf
 
     def reset(self) -> None:
         """Forget the last episode."""
         self.policy.reset()
         self._unanswered.reset()
-        self._fresh[0] = True
+        self._fresh[0], self._seen_at = True, -math.inf
 
     def look(self, observation: LocalObservation) -> None:
-        """Take in what the sensors say now."""
+        """Take in what the sensors say now; what was followed is forgotten after a gap, or if they are wrong."""
         self.policy.look(observation)
+        if is_gap(self._seen_at, observation.scan.stamp, self._rate):
+            self._fresh[0] = True
+        self._seen_at = observation.scan.stamp
+        if not observation.is_trustworthy:
+            self._fresh[0] = True
+            return
         self._motion[0] = observation.motion
-        if not np.isfinite(self._motion).all():  # nobody knows where things have gone
-            self._motion[0], self._fresh[0] = 0.0, True
         self._tracker.update(self._row, observation.scan.ranges[None], self._motion, self._reaches, self._fresh)
         self._fresh[0] = False
 
@@ -205,8 +212,16 @@ class Shield(LocalPolicy):
         moving = things[: what_moves(things, self._config.walking, self._config.certain, things)]
         return moving[:, [0, 1, 4]]
 
+    def stopped(self) -> None:
+        """The body was told to stand."""
+        self.policy.stopped()
+        self._unanswered.add(STOP)
+
     def command(self, observation: LocalObservation) -> VelocityCommand:
         """The policy's command, or the one that costs least."""
+        if not observation.is_trustworthy:
+            self.stopped()
+            return STOP
         wanted = self.policy.command(observation)
         things = self._things[: self._tracker.things(0, self._things)]
         start, last = self._unanswered.pose(), self._unanswered.last

@@ -30,8 +30,11 @@ SLOT_SIZE = 6
 POSITION_SCALE, VELOCITY_SCALE, RADIUS_SCALE = 4.0, 2.0, 0.5
 """[m], [m/s], [m]"""
 
-_X, _Y, _V_X, _V_Y, _RADIUS, _HITS, _MISSED, _STEADY, _ERROR_X, _ERROR_Y, _FIRST_X, _FIRST_Y = range(12)
-_COLUMNS = 12
+_X, _Y, _V_X, _V_Y, _RADIUS, _HITS, _MISSED, _STEADY, _ERROR_X, _ERROR_Y = range(10)
+_FIRST_X, _FIRST_Y, _FIRST_YAW, _HAS_LEFT = range(10, 14)
+_COLUMNS = 14
+_FOR_GOOD = 2.0
+"""Of ``_HAS_LEFT``; 1 is for now."""
 _GATE = 0.4
 """A thing is found again so near to where it was expected: 0.1 s at 3 m/s, and its centre's error [m]."""
 _ALPHA = np.array([1.0, 1.0, 0.85, 0.7, 0.6, 0.5, 0.45])
@@ -45,7 +48,12 @@ _PAIR, _IN_PART = 0.18, 0.3
 _PART_GATE = 0.25
 """For these instead of ``_GATE`` [m]."""
 _LEFT = 1.2
-"""Times its radius that a thing goes from where it was first seen before it has left."""
+"""Times its radius that a thing must be from where it was first seen to have left ..."""
+_LEFT_FOR_GOOD = 1.0
+"""... and so far once to have left for good: who comes back past there has not stopped. Legs of one table are nearer to
+each other [m] ..."""
+_TURN_ERROR = 0.04
+"""... and so much more, times its range, for each radian that the robot has turned since: odometry's error there."""
 _PATIENCE = 5
 """Updates that a thing is remembered unseen."""
 _MARGIN = 0.05
@@ -66,9 +74,10 @@ class Tracker:
             training has.
 
     Attributes:
-        tracks: (n, MAX_TRACKS, 12) position, velocity, radius, times seen, updates unseen, times seen since it
-            turned, last error of position, where it was first seen; in the frame of odometry that begins where a row
-            began anew [m, m/s, m]. What was never seen is no track.
+        tracks: (n, MAX_TRACKS, 14) position, velocity, radius, times seen, updates unseen, times seen since it
+            turned, last error of position, where it was first seen, the robot's heading then, whether it has left
+            that place; in the frame of odometry that begins where a row began anew [m, m/s, m, rad]. What was
+            never seen is no track.
     """
 
     def __init__(self, n: int, num_beams: int, period: float, spacing: float, most_beams: int = TRAINING_BEAMS):
@@ -108,7 +117,8 @@ class Tracker:
     def things(self, row: int, out: FloatArray) -> int:
         """What a row knows of now; what has not yet left the place that it was first seen at stands.
 
-        That is for posts: seen two by two, now these and now those, they would seem to jump.
+        That is for posts: seen two by two, now these and now those, they would seem to jump; and while the robot
+        turns, and its odometry overstates it, whatever stands seems to go round it.
 
         Args:
             row: Which.
@@ -118,7 +128,7 @@ class Tracker:
         Returns:
             How many there are.
         """
-        return _in_base(self.tracks[row], self._odometry[row], self._since[row], out, _LEFT)
+        return _in_base(self.tracks[row], self._odometry[row], self._since[row], out, False)
 
     def features(
         self,
@@ -193,7 +203,7 @@ def _follow(things, found, pose, dt, taken):
         if best < 0:
             break
         taken[best] = True
-        _learn(things[best], found[best_f], dt)
+        _learn(things[best], found[best_f], dt, pose[2])
         left -= 1
         found[best_f] = found[left]
     for k in range(len(things)):
@@ -207,6 +217,7 @@ def _follow(things, found, pose, dt, taken):
             things[k] = 0.0
             things[k, _X], things[k, _Y], things[k, _RADIUS] = found[best_f, :3]
             things[k, _FIRST_X], things[k, _FIRST_Y] = found[best_f, :2]
+            things[k, _FIRST_YAW] = pose[2]
             things[k, _HITS], things[k, _STEADY], things[k, _MISSED] = 1.0, 1.0, -1.0
             left -= 1
             found[best_f] = found[left]
@@ -218,7 +229,7 @@ def _follow(things, found, pose, dt, taken):
 
 
 @njit(cache=True, nogil=True)
-def _learn(thing, found, dt):
+def _learn(thing, found, dt, yaw):
     """What is known of a thing after it was found again."""
     error_x, error_y = found[0] - thing[_X], found[1] - thing[_Y]
     share = 1.0
@@ -230,7 +241,7 @@ def _learn(thing, found, dt):
             thing[_STEADY] = 1.0
     thing[_ERROR_X], thing[_ERROR_Y] = error_x, error_y
     seen = min(int(thing[_STEADY]), len(_ALPHA) - 1)
-    alpha, beta = share * _ALPHA[seen], share * _BETA[seen] / dt
+    alpha, beta = share * _ALPHA[seen], share * _BETA[seen] / (dt * (1.0 + thing[_MISSED]))
     thing[_X] += alpha * error_x
     thing[_Y] += alpha * error_y
     thing[_V_X] += beta * error_x
@@ -243,11 +254,17 @@ def _learn(thing, found, dt):
         thing[_RADIUS] += 0.3 * share * (found[2] - thing[_RADIUS])
     thing[_HITS] += 1.0
     thing[_STEADY] += 1.0
+    gone = math.hypot(thing[_X] - thing[_FIRST_X], thing[_Y] - thing[_FIRST_Y])
+    gone -= _TURN_ERROR * abs(yaw - thing[_FIRST_YAW]) * found[4]
+    if gone >= _LEFT_FOR_GOOD:
+        thing[_HAS_LEFT] = _FOR_GOOD
+    elif thing[_HAS_LEFT] != _FOR_GOOD:
+        thing[_HAS_LEFT] = 1.0 if gone >= _LEFT * thing[_RADIUS] else 0.0
     thing[_MISSED] = -1.0  # counted up by who calls
 
 
 @njit(cache=True, nogil=True)
-def _in_base(things, pose, t, out, left):
+def _in_base(things, pose, t, out, all_move):
     c, s = math.cos(pose[2]), math.sin(pose[2])
     count = 0
     for k in range(len(things)):
@@ -257,8 +274,7 @@ def _in_base(things, pose, t, out, left):
         dx, dy = thing[_X] + t * thing[_V_X] - pose[0], thing[_Y] + t * thing[_V_Y] - pose[1]
         row = out[count]
         row[0], row[1] = c * dx + s * dy, -s * dx + c * dy
-        gone = math.hypot(thing[_X] - thing[_FIRST_X], thing[_Y] - thing[_FIRST_Y])
-        v_x, v_y = (thing[_V_X], thing[_V_Y]) if gone >= left * thing[_RADIUS] else (0.0, 0.0)
+        v_x, v_y = (thing[_V_X], thing[_V_Y]) if all_move or thing[_HAS_LEFT] > 0.0 else (0.0, 0.0)
         row[2], row[3] = c * v_x + s * v_y, -s * v_x + c * v_y
         row[4], row[5] = thing[_RADIUS], min(thing[_HITS], 4.0) / (4.0 + thing[_MISSED])
         count += 1
@@ -269,7 +285,7 @@ def _in_base(things, pose, t, out, left):
 def _features(rows, tracks, odometry, since, directions, body_radius, max_speed, here, meetings, rest):
     num_directions = len(directions)
     for i in rows:
-        count = _in_base(tracks[i], odometry[i], since[i], here, 0.0)
+        count = _in_base(tracks[i], odometry[i], since[i], here, True)
         for a in range(len(SPEEDS)):
             speed = SPEEDS[a] * max_speed[i]
             for d in range(num_directions):
