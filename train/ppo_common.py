@@ -22,19 +22,24 @@ def log_prob(action: Tensor, mean: Tensor, std: Tensor) -> Tensor:
 
 
 @torch.no_grad()
-def advantages(rewards: Tensor, values: Tensor, done: Tensor, gamma: float, lambda_: float) -> tuple[Tensor, Tensor]:
+def advantages(
+    rewards: Tensor, values: Tensor, following: Tensor, done: Tensor, terminated: Tensor, gamma: float, lambda_: float
+) -> tuple[Tensor, Tensor]:
     """Generalised advantage estimates (Schulman et al. 2016) and the critic's targets.
 
+    An episode whose time was up is worth what would have followed (Pardo et al. 2018, "Time limits in reinforcement
+    learning"): nothing in an observation tells that it was.
+
     Args:
-        rewards: (t, n, 1); of a time-out's last step with the discounted value of what would have followed added.
-        values: (t + 1, n, 1), the last of what follows the batch.
+        rewards: (t, n, 1).
+        values: (t, n, 1) of what was seen before each step.
+        following: (t, n, 1) of what was seen after it, before a new episode began; where one terminated, any number.
         done: (t, n, 1) whether an episode ended with the step.
+        terminated: (t, n, 1) whether it ended for another reason than that its time was up.
         gamma: Discount.
         lambda_: Weight of longer returns.
 
     Returns:
         Advantages and value targets, each (t, n, 1).
     """
-    return vec_generalized_advantage_estimate(
-        gamma, lambda_, values[:-1], values[1:], rewards, done, done, time_dim=0
-    )  # fmt: skip
+    return vec_generalized_advantage_estimate(gamma, lambda_, values, following, rewards, done, terminated, time_dim=0)

@@ -11,7 +11,6 @@ from tensordict import TensorDict
 from torch import Tensor
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from torchrl.objectives import ClipPPOLoss
-from torchrl.objectives.value.functional import vec_generalized_advantage_estimate
 
 from robots.locomotion.kernels import ACTION_SIZE, OBSERVATION_SIZE
 from train.locomotion.environment import LocomotionEnvironment
@@ -25,6 +24,7 @@ from train.locomotion.policy import (
     observation_mirror,
     privileged_mirror,
 )
+from train.ppo_common import advantages as advantages_of
 from train.ppo_common import log_prob
 
 
@@ -269,7 +269,8 @@ def advantages(
 ) -> tuple[Tensor, Tensor]:
     """Generalised advantage estimate of a batch whose episodes begin anew within it.
 
-    Nobody knows what would have come after an episode's time was up: the value of where it stood last will do.
+    The batched simulation has begun anew by the time that it tells of an end: what an episode whose time was up saw
+    last is not known, and the value of what it saw before that will do.
 
     Args:
         config: gamma and lambda.
@@ -281,10 +282,9 @@ def advantages(
     Returns:
         Advantages and the critic's targets, (h, n, 1) each.
     """
-    rewards = rewards + config.gamma * values[:-1] * truncated
-    done = terminated | truncated
-    return vec_generalized_advantage_estimate(
-        config.gamma, config.lambda_, values[:-1], values[1:], rewards, done, done, time_dim=0
+    following = torch.where(truncated, values[:-1], values[1:])
+    return advantages_of(
+        rewards, values[:-1], following, terminated | truncated, terminated, config.gamma, config.lambda_
     )
 
 

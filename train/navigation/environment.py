@@ -19,6 +19,11 @@ class EnvironmentStep(Outcome, Protocol):
         """(n, size), of the new episode where one ended."""
         ...
 
+    @property
+    def final_observation(self) -> NDArray[np.float32]:
+        """(n, size), the last one of an episode that ended; other rows may hold anything."""
+        ...
+
 
 class Environment(Protocol):
     """Rows that start anew by themselves when their episode ends. What is given back may be overwritten later."""

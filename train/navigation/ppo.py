@@ -122,8 +122,8 @@ class BaseLearner(ABC):
         n, h = config.worlds // team.size, config.horizon
         self._observations = torch.empty(h, n, observation.size)
         self._actions, self._log_probs = torch.empty(h, n, ACTION_SIZE), torch.empty(h, n)
-        self._values, self._rewards = torch.empty(h + 1, n, 1), torch.empty(h, n, 1)
-        self._done = torch.zeros(h, n, 1, dtype=torch.bool)
+        self._values, self._following, self._rewards = torch.zeros(3, h, n, 1)
+        self._done, self._terminated = torch.zeros(2, h, n, 1, dtype=torch.bool)
 
     @abstractmethod
     def restart(self) -> None:
@@ -182,7 +182,9 @@ class BaseLearner(ABC):
 
     def _learn(self, progress: float) -> dict[str, float]:
         config, team = self.config, self.team
-        advantage, target = advantages(self._rewards, self._values, self._done, config.gamma, config.lambda_)
+        advantage, target = advantages(
+            self._rewards, self._values, self._following, self._done, self._terminated, config.gamma, config.lambda_
+        )
         moments = torch.stack((advantage.mean(), advantage.square().mean()))
         team.average(moments)
         advantage = (advantage - moments[0]) / (moments[1] - moments[0] ** 2).clamp_min(1e-12).sqrt()
@@ -210,7 +212,7 @@ class BaseLearner(ABC):
         means = (sums / updates).tolist()
         names = ("loss/objective", "loss/critic", "loss/divergence", "loss/clipped", "loss/gradient")
         variance = float(target.var())
-        residual = float((target - self._values[:-1]).var())
+        residual = float((target - self._values).var())
         return {**dict(zip(names, means)), "loss/explained": 1.0 - residual / max(variance, 1e-12), "rate": rate}
 
     def _update(self, part: TensorDict) -> Tensor:
@@ -309,15 +311,19 @@ class Learner(BaseLearner):
             step = self._environment.step(action.clamp(-1.0, 1.0).numpy())
             reward_terms(step, self._rewards_of, self._terms)
             self._rewards[t, :, 0] = torch.from_numpy(self._terms.sum(axis=0)) * config.reward_scale
-            timed_out = torch.from_numpy(step.timed_out)
-            # Nobody knows what would have come after the time was up: the value of where it stood will do.
-            self._rewards[t, timed_out, 0] += config.gamma * self._values[t, timed_out, 0]
-            self._done[t, :, 0] = torch.from_numpy(step.collided | step.reached | step.timed_out)
+            terminated = step.collided | step.reached
+            self._terminated[t, :, 0] = torch.from_numpy(terminated)
+            self._done[t, :, 0] = torch.from_numpy(terminated | step.timed_out)
+            if step.timed_out.any():
+                last = torch.from_numpy(step.final_observation[step.timed_out])
+                self._following[t][torch.from_numpy(step.timed_out)] = self.critic(last)
             ends += (step.reached.sum(), step.collided.sum(), step.timed_out.sum())
             terms += self._terms.mean(axis=1)
             observation = torch.from_numpy(step.observation)
         self._now = observation.clone()
-        self._values[-1] = self.critic(self._now)
+        goes_on = ~self._done
+        self._following[:-1][goes_on[:-1]] = self._values[1:][goes_on[:-1]]
+        self._following[-1][goes_on[-1]] = self.critic(self._now)[goes_on[-1]]
         return ends, terms
 
 

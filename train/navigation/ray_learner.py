@@ -115,12 +115,10 @@ class RayLearner(BaseLearner):
         self._log_probs[:] = by_time("drawn_log_prob")
         timed_out, reached = by_time("next", "truncated"), by_time("next", "reached")
         collided = by_time("next", "terminated") & ~reached
-        self._values[:-1] = self.critic(self._observations)
-        self._values[-1] = self.critic(by_time("next", "observation")[-1])
+        self._values[:] = self.critic(self._observations)
+        self._following[:] = self.critic(by_time("next", "observation"))  # of the old episode, where one ended
         self._rewards[:] = by_time("next", "reward") * config.reward_scale
-        # As where the worlds are local: the value of where it stood.
-        self._rewards[timed_out] += config.gamma * self._values[:-1][timed_out]
-        self._done[:] = by_time("next", "done")
+        self._done[:], self._terminated[:] = by_time("next", "done"), by_time("next", "terminated")
         ends = np.array([float(flag.sum()) for flag in (reached, collided, timed_out)])
         return ends, by_time("next", "terms").mean(1).sum(0).double().numpy()
 

@@ -15,6 +15,7 @@ class Step(NamedTuple):
     collided: np.ndarray
     reached: np.ndarray
     timed_out: np.ndarray
+    final_observation: np.ndarray
 
 
 class OpenGround:
@@ -42,8 +43,9 @@ class OpenGround:
         reached = after < 0.3
         timed_out = (self.age >= 60) & ~reached
         over = reached | timed_out
+        last = self.observe()
         self.goals[over] = self.rng.uniform(-3.0, 3.0, (int(over.sum()), 2))
         self.age[over] = 0
         nothing = np.zeros(self.n, bool)
         clearance = np.full(self.n, 6.0)
-        return Step(self.observe(), before - after, clearance, np.abs(action[:, 2]), nothing, reached, timed_out)
+        return Step(self.observe(), before - after, clearance, np.abs(action[:, 2]), nothing, reached, timed_out, last)

@@ -29,12 +29,42 @@ STAGE = StageConfig("tiny", "For tests.", "go_straight", ArenaConfig(), SMALL, N
 
 def test_advantages_by_hand():
     rewards = torch.tensor([1.0, 2.0, 3.0]).view(3, 1, 1)
-    values = torch.tensor([0.5, 1.0, 1.5, 2.0]).view(4, 1, 1)
+    values = torch.tensor([0.5, 1.0, 1.5]).view(3, 1, 1)
+    following = torch.tensor([1.0, 9.0, 2.0]).view(3, 1, 1)
     done = torch.tensor([False, True, False]).view(3, 1, 1)
-    advantage, target = advantages(rewards, values, done, 0.5, 0.5)
+    advantage, target = advantages(rewards, values, following, done, done, 0.5, 0.5)
     # Errors: 1 + .5 * 1 - .5 = 1; 2 - 1 = 1 at the end of an episode; 3 + .5 * 2 - 1.5 = 2.5.
     assert advantage.flatten().tolist() == pytest.approx([1.0 + 0.25 * 1.0, 1.0, 2.5])
     assert target.flatten().tolist() == pytest.approx([1.75, 2.0, 4.0])
+    # Had its time been up: 2 + .5 * 9 - 1 = 5.5, and before it 1 + .25 * 5.5; the third step is of a new episode.
+    advantage, _ = advantages(rewards, values, following, done, torch.zeros_like(done), 0.5, 0.5)
+    assert advantage.flatten().tolist() == pytest.approx([2.375, 5.5, 2.5])
+
+
+def test_what_follows_a_time_out_is_the_last_thing_seen_in_it():
+    mind = learner(ppo=dataclasses.replace(PPO, horizon=64, minibatch=32))
+    seen = []
+    step = mind._environment.step
+
+    def watched(action):
+        outcome = step(action)
+        seen.append(outcome)
+        return outcome
+
+    mind._environment.step = watched  # type: ignore[method-assign]
+    with torch.no_grad():
+        mind._roll_out()
+        timed_out = torch.from_numpy(np.array([outcome.timed_out for outcome in seen]))
+        reached = torch.from_numpy(np.array([outcome.reached for outcome in seen]))
+        assert timed_out.any()
+        for t, outcome in enumerate(seen):
+            final = mind.critic(torch.from_numpy(outcome.final_observation))
+            then = mind.critic(torch.from_numpy(outcome.observation))
+            assert torch.allclose(mind._following[t, timed_out[t]], final[timed_out[t]], atol=1e-6)
+            goes_on = ~(timed_out[t] | reached[t])
+            assert torch.allclose(mind._following[t, goes_on], then[goes_on], atol=1e-6)
+    assert torch.equal(mind._terminated[..., 0], reached)
+    assert torch.equal(mind._done[..., 0], reached | timed_out)
 
 
 def test_log_probability_of_the_mean():

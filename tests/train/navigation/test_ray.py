@@ -73,12 +73,12 @@ def test_a_batch_from_ray_is_what_the_present_policy_did():
             mean = learner.actor.mean(flat, learner.actor.gate(flat))
             expected = log_prob(learner._actions.flatten(0, 1), mean, learner.actor.std())
             assert torch.allclose(learner._log_probs.flatten(), expected, atol=1e-4)
-            assert torch.allclose(learner._values[:-1], learner.critic(learner._observations))
+            assert torch.allclose(learner._values, learner.critic(learner._observations))
             assert ends.sum() == int(learner._done.sum())
             assert not torch.equal(learner._observations[0], last)
             # No two rows, and so no two workers, are in the same episode.
             assert len({tuple(row) for row in learner._observations[0].tolist()}) == PPO.worlds
-            assert ends[2] == 0  # too early for that, so nothing is added to what is paid
+            assert ends[2] == 0  # too early for that
             paid = float(learner._rewards.sum()) / PPO.worlds / PPO.reward_scale
             assert paid == pytest.approx(terms.sum(), abs=1e-4)
             reward = {"R_g": terms[0], "R_c": -15.0 * ends[1] / PPO.worlds, "R_r": 20.0 * ends[0] / PPO.worlds}
