@@ -1,7 +1,11 @@
-"""The arena as a gymnasium vector environment."""
+"""The arena as a gymnasium vector environment.
+
+``gymnasium.make_vec("train.arena.gym_env:vuca/Arena-v0", num_envs=64, kind="mixed", body="go2")``
+"""
 
 from typing import Any
 
+import gymnasium
 import numpy as np
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -9,7 +13,11 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from train.arena.arena import Arena
+from train.arena.config import ArenaConfig
 from train.navigation.rewards import TERMS, find_rewards, reward_terms
+from vuca_nav.policy.observation import ObservationConfig
+
+ENV_ID = "vuca/Arena-v0"
 
 
 class ArenaVectorEnv(VectorEnv):
@@ -60,3 +68,37 @@ class ArenaVectorEnv(VectorEnv):
     def close_extras(self, **_: Any) -> None:
         """Let the arena's threads go."""
         self._arena.close()
+
+
+def make_arena_env(
+    num_envs: int = 1,
+    kind: str | None = None,
+    body: str | None = None,
+    rewards: str = "fusion",
+    config: ArenaConfig | None = None,
+    observation: ObservationConfig | None = None,
+    threads: int = 1,
+) -> ArenaVectorEnv:
+    """What ``gymnasium.make_vec`` calls.
+
+    Args:
+        num_envs: How many robots, each in a world of its own.
+        kind: Only this kind of world, one of ``train.arena.config.KINDS``.
+        body: Only this body, one of ``train.arena.config.BODY_KINDS``.
+        rewards: Column of the paper's Table I.
+        config: Everything else about the episodes; by default what policies are trained in.
+        observation: What the robots see; by default what the paper's do.
+        threads: That step the rows; episodes do not depend on them.
+
+    Raises:
+        BadArgument: There is no such kind or body, or a number is out of its range.
+        UnknownName: There is no such column of rewards.
+    """
+    find_rewards(rewards)  # worlds take longer
+    config = config or ArenaConfig()
+    config = config if kind is None else config.of(kind)
+    config = config if body is None else config.driven_by(body)
+    return ArenaVectorEnv(Arena(config, observation or ObservationConfig(), num_envs, 0, threads), rewards)
+
+
+gymnasium.register(id=ENV_ID, vector_entry_point=make_arena_env)  # type: ignore[arg-type]

@@ -1,3 +1,7 @@
+import re
+from pathlib import Path
+
+import gymnasium
 import numpy as np
 import pytest
 import torch
@@ -8,6 +12,7 @@ from train.arena.arena import Arena
 from train.arena.config import ArenaConfig
 from train.arena.gym_env import ArenaVectorEnv
 from train.arena.torchrl_env import ArenaEnv
+from vuca_nav.errors import BadArgument, UnknownName
 from vuca_nav.policy.observation import ObservationConfig
 
 CONFIG = ArenaConfig(layouts=2, pairs=16, num_bodies=4).of("mixed")
@@ -76,3 +81,51 @@ def test_gymnasium_vector_environment():
 def test_unknown_rewards_are_refused():
     with pytest.raises(Exception, match="reward column 'fuson'; did you mean 'fusion'"):
         ArenaEnv(arena(2), "fuson")
+
+
+def test_gymnasium_makes_it_by_its_name():
+    options = {"vectorization_mode": "vector_entry_point", "kind": "mixed", "config": CONFIG, "rewards": "careful"}
+    env = gymnasium.make_vec("vuca/Arena-v0", num_envs=24, **options)
+    assert isinstance(env.unwrapped, ArenaVectorEnv)
+    assert env.num_envs == 24
+    plain = ArenaVectorEnv(arena(), "careful")
+    np.testing.assert_array_equal(env.reset(seed=2)[0], plain.reset(seed=2)[0])
+    action = np.full((24, 3), 0.5, np.float32)
+    for one, two in zip(env.step(action)[:4], plain.step(action)[:4]):
+        np.testing.assert_array_equal(one, two)
+    env.close()
+
+
+def test_gymnasiums_maker_takes_kind_body_and_observation():
+    small = ArenaConfig(layouts=1, pairs=4, num_bodies=2)
+    seen = ObservationConfig(kind="tracked")
+    env = gymnasium.make_vec(
+        "train.arena.gym_env:vuca/Arena-v0", 3, kind="dynamic", body="go2", config=small, observation=seen, threads=2
+    ).unwrapped
+    assert isinstance(env, ArenaVectorEnv)
+    assert env.single_observation_space.shape == (seen.size,)
+    assert env._arena.config == small.of("dynamic").driven_by("go2")
+    assert len(env._arena.shards) == 2
+    env.close()
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "match"),
+    [
+        ({"kind": "mixd"}, BadArgument, "no kind of world 'mixd'; there are static"),
+        ({"body": "gp2"}, BadArgument, "no body 'gp2'; there are tiago"),
+        ({"rewards": "fuson"}, UnknownName, "did you mean 'fusion'"),
+    ],
+)
+def test_gymnasiums_maker_says_what_is_wrong(options, error, match):
+    with pytest.raises(error, match=match):
+        gymnasium.make_vec("vuca/Arena-v0", **options)
+
+
+def test_the_examples_in_the_docs_run():
+    text = (Path(__file__).parents[3] / "docs" / "training.md").read_text()
+    section = text.split("## The arena as an environment\n")[1].split("\n## ")[0]
+    examples = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
+    assert len(examples) == 2
+    for example in examples:
+        exec(compile(example, "docs/training.md", "exec"), {})
