@@ -4,6 +4,8 @@
 
 VENV ?= .venv
 BIN := $(VENV)/bin
+# Ray is installed apart: it is large, and only `vuca train --collector ray` needs it.
+RAY_VENV ?= .venv-ray
 RUNS ?= runs
 ROBOT ?= tiago
 METHOD ?= ours
@@ -17,17 +19,17 @@ PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
 	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && command -v $$p && break; done)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow lint format types layers bench lock clean
+.PHONY: help demo test test-slow test-ray lint format types layers bench lock clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
 
 # -- installation: one lock file, used as constraints, so the demo does without the developer's tools ----------
 
-$(BIN)/python:
+%/bin/python:
 	@test -n "$(PYTHON)" || { echo "make: needs Python 3.11 or newer on PATH, or make PYTHON=/path/to/python3.11" >&2; exit 1; }
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { echo "make: $(PYTHON) has no venv module; on Debian and Ubuntu: apt install python3-venv" >&2; exit 1; }
-	$(PYTHON) -m venv $(VENV)
+	$(PYTHON) -m venv $*
 
 $(VENV)/.installed-sim: requirements.lock pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[sim]'
@@ -37,12 +39,16 @@ $(VENV)/.installed-dev: requirements.lock pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[dev]'
 	@touch $@ $(VENV)/.installed-sim
 
+$(RAY_VENV)/.installed: requirements.lock pyproject.toml | $(RAY_VENV)/bin/python
+	$(RAY_VENV)/bin/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[dev,distributed]'
+	@touch $@
+
 lock: ## pin the newest versions that fit pyproject.toml, resolved in a clean environment
 	@test -n "$(PYTHON)" || { echo "make: needs Python 3.11 or newer on PATH" >&2; exit 1; }
 	@set -e; tmp=$$(mktemp -d); trap 'rm -rf "$$tmp"' EXIT; \
 	$(PYTHON) -m venv "$$tmp/venv"; \
-	"$$tmp/venv/bin/python" -m pip install --quiet --disable-pip-version-check -e '.[dev]'; \
-	{ echo '# Exact versions of everything in vuca-nav[dev] (which includes [sim] and [train]); made by `make lock`.'; \
+	"$$tmp/venv/bin/python" -m pip install --quiet --disable-pip-version-check -e '.[dev,distributed]'; \
+	{ echo '# Exact versions of everything in vuca-nav[dev,distributed] (which include [sim] and [train]); made by `make lock`.'; \
 	  "$$tmp/venv/bin/python" -m pip freeze --exclude-editable | grep -v '^#' | sed 's/+cpu$$//' | grep -v '^nvidia\|^triton\|^cuda' | LC_ALL=C sort -f; } > "$$tmp/lock"; \
 	cp "$$tmp/lock" requirements.lock; echo "requirements.lock: $$(grep -c == requirements.lock) packages"
 
@@ -64,7 +70,10 @@ test: lint types layers ## everything CI checks
 	$(BIN)/pytest -n $(WORKERS)
 
 test-slow: $(VENV)/.installed-dev ## the tests that take minutes
-	$(BIN)/pytest -n $(WORKERS) -m slow
+	$(BIN)/pytest -n $(WORKERS) -m slow -rs
+
+test-ray: $(RAY_VENV)/.installed ## training with two workers on a local Ray, in an environment of its own, .venv-ray
+	$(RAY_VENV)/bin/pytest -m 'slow or not slow' tests/train/navigation/test_ray.py
 
 lint: $(VENV)/.installed-dev ## style and format, nothing is changed
 	$(BIN)/ruff check
