@@ -4,17 +4,18 @@
 # (MuJoCo's compiled bindings are invisible to a static checker.)
 
 import contextlib
-import functools
 import math
-import time
-from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any, TextIO
 
 import mujoco
 import numpy as np
 
+from eval.bench_policy import lower_layer
 from eval.episode import Episode, EpisodeConfig, EpisodeResult
+from eval.runner import worker_pool
+from eval.timing import Result, StageClock, best_of, result
 from robots.simulation import Simulation
 from vuca_nav.exploration.explorer import Explorer
 from vuca_nav.mapping.grid import OccupancyGrid
@@ -24,6 +25,9 @@ from vuca_nav.navigator import Navigator
 from vuca_nav.planning.costmap import Costmap
 from vuca_nav.planning.paths import PathField
 from vuca_nav.policy.dwa import DynamicWindow
+from vuca_nav.policy.learned import LearnedPolicy
+from vuca_nav.policy.safety import LearnedSafety
+from vuca_nav.policy.shield import Shield
 from vuca_nav.types import FloatArray, LidarSpec
 from worlds.arrays import pack_shapes
 from worlds.mjcf import build_arena
@@ -34,9 +38,11 @@ from worlds.registry import make_world
 SEED = 0
 POSES = 200
 """From so many random poses the lidar looks."""
-LOOP = EpisodeConfig(world="factory", region=4, method="dwa-dh")
-LOOP_TIME = 100.0
-"""Simulated at least [s]."""
+LOOP = EpisodeConfig(world="factory", region=4)
+REFERENCE, OURS = "dwa-dh", "ours"
+"""The methods whose loops are timed."""
+LOOP_TIME, EPISODE_TIME = 100.0, 60.0
+"""Simulated at least, and of one episode at most [s]."""
 STAGES: list[dict[str, Any]] = [
     {"name": "physics", "owner": mujoco, "call": "mj_step"},
     {"name": "moving obstacles", "owner": MoverField, "call": "step"},
@@ -49,12 +55,18 @@ STAGES: list[dict[str, Any]] = [
     {"name": "path field", "owner": PathField, "call": "__init__"},
     {"name": "exploration", "owner": Explorer, "call": "choose"},
     {"name": "triggers", "owner": Explorer, "call": "trigger"},
+    {"name": "V^h", "owner": LearnedSafety, "call": "values"},
     {"name": "local control", "owner": DynamicWindow, "call": "command"},
+    {"name": "policy", "owner": LearnedPolicy, "call": "look"},
+    {"name": "policy", "owner": LearnedPolicy, "call": "command"},
+    {"name": "shield", "owner": Shield, "call": "look"},
+    {"name": "shield", "owner": Shield, "call": "walkers"},
+    {"name": "shield", "owner": Shield, "call": "command"},
     {"name": "navigator, other", "owner": Navigator, "call": "step"},
 ]
-"""What is timed; each without the others that it calls."""
-
-Result = dict[str, Any]
+"""What is timed; each without the others that it calls, and those of one name together."""
+WORLD = ("physics", "moving obstacles", "lidar", "simulation, other", "rest")
+"""Stages that are not the stack's."""
 
 
 def lidar_against_mujoco() -> list[Result]:
@@ -96,112 +108,98 @@ def lidar_against_mujoco() -> list[Result]:
                 lidar.max_range,
             )
 
-    fast, slow = _best_of(5, ours) / POSES, _best_of(5, mujocos) / POSES
+    fast, slow = best_of(5, ours) / POSES, best_of(5, mujocos) / POSES
     return [
-        _result("lidar_caster", 1e6 * fast, "us", f"a scan of {lidar.num_beams} beams in factory region 4"),
-        _result("lidar_mj_multiray", 1e6 * slow, "us", f"the same by mj_multiRay, {model.ngeom} geoms"),
-        _result("lidar_speedup", slow / fast, "x", "mj_multiRay's time over ours"),
+        result("lidar_caster", 1e6 * fast, "us", f"a scan of {lidar.num_beams} beams in factory region 4"),
+        result("lidar_mj_multiray", 1e6 * slow, "us", f"the same by mj_multiRay, {model.ngeom} geoms"),
+        result("lidar_speedup", slow / fast, "x", "mj_multiRay's time over ours"),
     ]
 
 
-def whole_loop() -> list[Result]:
+def whole_loop(method: str) -> list[Result]:
     """Factory region 4 with its moving obstacles, telemetry off: real-time factor, then each stage's time."""
-    Episode(LOOP).run()  # compiles the kernels, or loads them from their cache
-    plain = _episodes()
+    _episode(method, SEED)  # compiles the kernels, or loads them from their cache
+    plain = _episodes(method)
     simulated, wall = sum(episode.duration for episode in plain), sum(episode.wall_time for episode in plain)
     clock = StageClock()
     with contextlib.ExitStack() as stack:
         for stage in STAGES:
             stack.enter_context(clock.watch(stage["name"], stage["owner"], stage["call"]))
-        timed = _episodes()
+        timed = _episodes(method)
     steps, timed_wall = sum(e.metrics.steps for e in timed), sum(e.wall_time for e in timed)
-    seconds = {**clock.seconds, "rest": timed_wall - sum(clock.seconds.values())}
-    meaning = f"factory region 4, all moving obstacles, seeds 0 to {len(plain) - 1}, {simulated:.0f} s simulated"
+    loop, stage_of = ("loop", "stage") if method == REFERENCE else (f"{method}_loop", method)
+    where = (
+        f"{method} in factory region 4, all moving obstacles, seeds 0 to {len(plain) - 1}, {simulated:.0f} s simulated"
+    )
     return [
-        _result("loop_real_time_factor", simulated / wall, "x", meaning),
+        result(f"{loop}_real_time_factor", simulated / wall, "x", where),
+        *stage_results(clock.seconds, timed_wall, steps, loop, stage_of),
+    ]
+
+
+def stage_results(seconds: dict[str, float], wall: float, steps: int, loop: str, stage: str) -> list[Result]:
+    """Each stage's time a tick, and that of the whole stack.
+
+    Args:
+        seconds: Of the stages; one that never ran is left out.
+        wall: Time of the whole loop [s].
+        steps: Its ticks.
+        loop: What the stack's result is named after.
+        stage: What the stages' results are named after.
+    """
+    ran = {name: spent for name, spent in seconds.items() if spent > 0.0}
+    ran["rest"] = wall - sum(ran.values())
+    whole = sum(spent for name, spent in ran.items() if name not in WORLD)
+
+    def share(spent: float, *, of_the_stack: bool) -> str:
+        of_the_loop = f"a tick of 1/30 s, {100.0 * spent / wall:.1f}% of the loop"
+        return f"{of_the_loop}, {100.0 * spent / whole:.1f}% of the stack" if of_the_stack else of_the_loop
+
+    return [
+        result(f"{loop}_stack", 1e6 * whole / steps, "us", share(whole, of_the_stack=False)),
         *(
-            _result(
-                f"stage: {name}",
-                1e6 * spent / steps,
-                "us",
-                f"a tick of 1/30 s, {100.0 * spent / timed_wall:.1f}% of the loop",
-            )
-            for name, spent in seconds.items()
+            result(f"{stage}: {name}", 1e6 * spent / steps, "us", share(spent, of_the_stack=name not in WORLD))
+            for name, spent in ran.items()
         ),
     ]
 
 
-def _episodes() -> list[EpisodeResult]:
+def _episodes(method: str) -> list[EpisodeResult]:
     """One seed after the other until enough time has been simulated."""
     results: list[EpisodeResult] = []
-    while sum(result.duration for result in results) < LOOP_TIME:
-        results.append(Episode(replace(LOOP, seed=len(results))).run())
+    while sum(episode.duration for episode in results) < LOOP_TIME:
+        results.append(_episode(method, len(results)))
     return results
+
+
+def _episode(method: str, seed: int) -> EpisodeResult:
+    episode = Episode(replace(LOOP, method=method, seed=seed))
+    episode.timeout = min(episode.timeout, EPISODE_TIME)
+    return episode.run()
 
 
 BENCHMARKS: list[dict[str, Any]] = [
     {"name": "lidar", "measure": lidar_against_mujoco},
-    {"name": "loop", "measure": whole_loop},
+    {"name": f"loop of {REFERENCE}", "measure": partial(whole_loop, REFERENCE)},
+    {"name": f"loop of {OURS}", "measure": partial(whole_loop, OURS)},
+    {"name": "policy, shield and V^h", "measure": lower_layer},
 ]
 
 
 def run_benchmarks(progress: TextIO) -> list[Result]:
-    """All results, one benchmark after the other; says on ``progress`` which one runs."""
+    """All results, one benchmark after the other, in a process of a single thread.
+
+    Args:
+        progress: Told which one runs.
+    """
     results: list[Result] = []
-    for benchmark in BENCHMARKS:
-        print(f"measuring: {benchmark['name']}", file=progress, flush=True)
-        results += benchmark["measure"]()
+    with worker_pool(1) as pool:
+        for benchmark in BENCHMARKS:
+            print(f"measuring: {benchmark['name']}", file=progress, flush=True)
+            results += pool.submit(benchmark["measure"]).result()
     return results
-
-
-class StageClock:
-    """Times the calls it watches; the time of a watched call inside another counts for the inner one only."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-        self._inner = [0.0]
-        """Time of the watched calls inside each call that is going on."""
-
-    @contextlib.contextmanager
-    def watch(self, name: str, owner: Any, call: str) -> Iterator[None]:
-        """Replace ``owner.call`` by a timed one for as long as the context lasts."""
-        original = getattr(owner, call)
-        seconds, inner, clock = self.seconds, self._inner, time.perf_counter
-        seconds.setdefault(name, 0.0)
-
-        @functools.wraps(original)
-        def timed(*args: Any, **kwargs: Any) -> Any:
-            inner.append(0.0)
-            began = clock()
-            try:
-                return original(*args, **kwargs)
-            finally:
-                elapsed = clock() - began
-                seconds[name] += elapsed - inner.pop()
-                inner[-1] += elapsed
-
-        setattr(owner, call, timed)
-        try:
-            yield
-        finally:
-            setattr(owner, call, original)
-
-
-def _best_of(repeats: int, job: Callable[[], None]) -> float:
-    """Least wall time [s], after one run that does not count: the least disturbed one."""
-    job()
-    times = []
-    for _ in range(repeats):
-        began = time.perf_counter()
-        job()
-        times.append(time.perf_counter() - began)
-    return min(times)
 
 
 def _about_z(yaw: float) -> FloatArray:
     c, s = math.cos(yaw), math.sin(yaw)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
-def _result(name: str, value: float, unit: str, meaning: str) -> Result:
-    return {"name": name, "value": value, "unit": unit, "meaning": meaning}

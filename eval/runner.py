@@ -62,14 +62,7 @@ def run_episodes(configs: Sequence[EpisodeConfig], workers: int, job: RunEpisode
         workers: Number of processes; one is a process of its own as well, so that it gives the same rows.
         job: What a worker does with a configuration; must be importable.
     """
-    with (
-        _single_threaded_children(),
-        ProcessPoolExecutor(
-            max(1, min(workers, len(configs))),
-            mp_context=multiprocessing.get_context("spawn"),
-            initializer=_start_worker,
-        ) as pool,
-    ):
+    with worker_pool(max(1, min(workers, len(configs)))) as pool:
         waiting = {pool.submit(_guarded, job, config): config for config in configs}
         try:
             for future in as_completed(waiting):
@@ -81,6 +74,21 @@ def run_episodes(configs: Sequence[EpisodeConfig], workers: int, job: RunEpisode
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
+
+
+@contextmanager
+def worker_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
+    """Processes of a single thread each.
+
+    Args:
+        workers: How many.
+    """
+    spawn = multiprocessing.get_context("spawn")
+    with (
+        _single_threaded_children(),
+        ProcessPoolExecutor(workers, mp_context=spawn, initializer=_start_worker) as pool,
+    ):
+        yield pool
 
 
 def _guarded(job: RunEpisode, config: EpisodeConfig) -> Row | Crash:
