@@ -42,7 +42,8 @@ def wilson_interval(successes: int, trials: int, z: float = Z_95) -> tuple[float
 def paired_difference(first: NDArray[np.bool_], second: NDArray[np.bool_]) -> tuple[float, float, float]:
     """How much more often the second succeeded in the same episodes, with its 95% interval.
 
-    Agresti and Min 2005: a half is added to each cell of the table of pairs.
+    Agresti and Min 2005: a half is added to each cell of the table of pairs. Of few pairs the interval may leave
+    [-1, 1], where no difference is: it ends there.
 
     Args:
         first: (n,)
@@ -55,7 +56,7 @@ def paired_difference(first: NDArray[np.bool_], second: NDArray[np.bool_]) -> tu
     gained, lost = float((~first & second).sum()) + 0.5, float((first & ~second).sum()) + 0.5
     middle = (gained - lost) / n
     half = Z_95 * math.sqrt(max(gained + lost - (gained - lost) ** 2 / n, 0.0)) / n
-    return float(second.mean()) - float(first.mean()), middle - half, middle + half
+    return float(second.mean()) - float(first.mean()), max(-1.0, middle - half), min(1.0, middle + half)
 
 
 def mean(values: Iterable[float | None]) -> float | None:

@@ -64,3 +64,13 @@ def test_a_paired_difference_by_hand():
     # (20.5 - 10.5) / 102, +- 1.96 sqrt(31 - 100 / 102) / 102
     assert low == pytest.approx(0.09804 - 0.10526, abs=1e-4)
     assert high == pytest.approx(0.09804 + 0.10526, abs=1e-4)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_no_interval_of_few_pairs_ends_beyond_what_is_possible(n):
+    never, always = np.zeros(n, np.bool_), np.ones(n, np.bool_)
+    gained, lost = paired_difference(never, always), paired_difference(always, never)
+    assert gained[0] == gained[2] == 1.0  # 1 / 3 + 1.96 sqrt(2 - 1 / 3) / 3 = 1.18 for a single pair
+    assert lost[0] == lost[1] == -1.0
+    assert (gained[1], lost[2]) == pytest.approx((-lost[2], -gained[1]))
+    assert -1.0 < gained[1] < 1.0
