@@ -12,12 +12,12 @@ from typing import NamedTuple
 import numpy as np
 import tyro
 
+from eval.episode import OUTCOMES
 from eval.statistics import paired_difference
 from eval.store import Row
 from vuca_nav.cli import run_module
 from vuca_nav.errors import BadArgument
 
-SHOWN = ("success", "collision", "timeout")
 EPISODE = ("world", "region", "movers", "without", "robot", "start", "goal", "seed")
 """What makes it the same episode."""
 
@@ -86,7 +86,7 @@ def compare(first: dict[str, Row], second: dict[str, Row]) -> dict[str, Differen
     result: dict[str, Differences] = {}
     for task, keys in tasks.items():
         result[task] = Differences(len(keys), {})
-        for outcome in SHOWN:
+        for outcome in OUTCOMES:
             a, b = (np.array([rows[key]["outcome"] == outcome for key in keys]) for rows in (first, second))
             result[task].of[outcome] = paired_difference(a, b)
     return result
@@ -103,10 +103,10 @@ def _task(row: Row) -> str:
 
 def table(name: str, against: str, differences: dict[str, Differences]) -> str:
     """As Markdown, in points of a hundred."""
-    lines = [f"`{name}` less `{against}`, in points, 95%:", "", f"| task | pairs | {' | '.join(SHOWN)} |"]
-    lines.append("|---|---|" + "---|" * len(SHOWN))
+    lines = [f"`{name}` less `{against}`, in points, 95%:", "", f"| task | pairs | {' | '.join(OUTCOMES)} |"]
+    lines.append("|---|---|" + "---|" * len(OUTCOMES))
     for task, row in differences.items():
-        cells = ["{:+.0f} [{:+.0f}, {:+.0f}]".format(*(100.0 * x for x in row.of[outcome])) for outcome in SHOWN]
+        cells = ["{:+.0f} [{:+.0f}, {:+.0f}]".format(*(100.0 * x for x in row.of[outcome])) for outcome in OUTCOMES]
         lines.append(f"| {task} | {row.pairs} | {' | '.join(cells)} |")
     return "\n".join(lines)
 

@@ -49,6 +49,22 @@ def test_tasks_are_told_apart_and_added_up(tmp_path):
     assert "| all | 6 | +50 [" in table("b", "a", differences)
 
 
+def test_a_body_that_falls_less_is_seen_to(tmp_path):
+    a = evaluation(tmp_path / "a", ["fall", "fall", "success", "fall"])
+    b = evaluation(tmp_path / "b", ["timeout", "success", "success", "fall"])
+    differences = compare(read_episodes(a), read_episodes(b))
+    (row,) = differences.values()
+    assert {name: of[0] for name, of in row.of.items()} == {
+        "success": 0.25,
+        "collision": 0.0,
+        "fall": -0.5,
+        "timeout": 0.25,
+    }
+    header, _, line = table("b", "a", differences).splitlines()[2:]
+    assert header == "| task | pairs | success | collision | fall | timeout |"
+    assert line.split(" | ")[4].startswith("-50 [")
+
+
 def test_only_some_seeds(tmp_path):
     a = evaluation(tmp_path / "a", ["success"] * 6)
     assert len(read_episodes(a, (2, 5))) == 3
