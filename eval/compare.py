@@ -1,7 +1,8 @@
 """Methods against each other in the same episodes: ``python -m eval.compare FIRST SECOND...``.
 
 The directories are those of ``vuca eval``. An episode is the same for all methods that meet it, so that differences are
-taken in pairs; those that only one of two evaluations has yet are left out.
+taken in pairs; those that only one of two evaluations has yet are left out. Episodes of one seed in several tasks, as
+with 8 and with 40 movers, are one observation of ``all`` (``eval.statistics.paired_difference``).
 """
 
 import json
@@ -58,6 +59,8 @@ class Differences(NamedTuple):
 
     pairs: int
     """Episodes that both have."""
+    seeds: int
+    """Different ones among them."""
     of: dict[str, tuple[float, float, float]]
     """Of the share of each outcome the difference, and the ends of its 95% interval."""
 
@@ -85,10 +88,11 @@ def compare(first: dict[str, Row], second: dict[str, Row]) -> dict[str, Differen
         tasks["all"] = [key for keys in tasks.values() for key in keys]
     result: dict[str, Differences] = {}
     for task, keys in tasks.items():
-        result[task] = Differences(len(keys), {})
+        seeds = np.array([first[key]["seed"] for key in keys])
+        result[task] = Differences(len(keys), len(np.unique(seeds)), {})
         for outcome in OUTCOMES:
             a, b = (np.array([rows[key]["outcome"] == outcome for key in keys]) for rows in (first, second))
-            result[task].of[outcome] = paired_difference(a, b)
+            result[task].of[outcome] = paired_difference(a, b, seeds)
     return result
 
 
@@ -107,7 +111,8 @@ def table(name: str, against: str, differences: dict[str, Differences]) -> str:
     lines.append("|---|---|" + "---|" * len(OUTCOMES))
     for task, row in differences.items():
         cells = ["{:+.0f} [{:+.0f}, {:+.0f}]".format(*(100.0 * x for x in row.of[outcome])) for outcome in OUTCOMES]
-        lines.append(f"| {task} | {row.pairs} | {' | '.join(cells)} |")
+        pairs = f"{row.pairs}" if row.seeds == row.pairs else f"{row.pairs} of {row.seeds} seeds"
+        lines.append(f"| {task} | {pairs} | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 

@@ -39,24 +39,36 @@ def wilson_interval(successes: int, trials: int, z: float = Z_95) -> tuple[float
     return low, high
 
 
-def paired_difference(first: NDArray[np.bool_], second: NDArray[np.bool_]) -> tuple[float, float, float]:
+def paired_difference(
+    first: NDArray[np.bool_], second: NDArray[np.bool_], clusters: NDArray | None = None
+) -> tuple[float, float, float]:
     """How much more often the second succeeded in the same episodes, with its 95% interval.
 
     Agresti and Min 2005: a half is added to each cell of the table of pairs. Of few pairs the interval may leave
     [-1, 1], where no difference is: it ends there.
 
+    Episodes that share a seed are not independent of each other (Miller 2024, "Adding Error Bars to Evals", arXiv
+    2411.00640): each cluster of them counts as one pair, of the mean of its differences. Added are the same four
+    halves, of differences of +1, -1 and twice 0, so that clusters of one episode give Agresti and Min's interval. It is
+    on the safe side where few clusters differ; a t interval over clusters is too short there, and has no width at all
+    where none does, as where nobody falls.
+
     Args:
         first: (n,)
         second: (n,)
+        clusters: (n,) what an episode shares with others, such as its seed; by default nothing.
 
     Returns:
-        Difference of the shares, lower and upper end of the interval.
+        Difference of the shares, lower and upper end of the interval; each cluster weighs the same.
     """
-    n = len(first) + 2.0
-    gained, lost = float((~first & second).sum()) + 0.5, float((first & ~second).sum()) + 0.5
-    middle = (gained - lost) / n
-    half = Z_95 * math.sqrt(max(gained + lost - (gained - lost) ** 2 / n, 0.0)) / n
-    return float(second.mean()) - float(first.mean()), max(-1.0, middle - half), min(1.0, middle + half)
+    differences = second.astype(np.float64) - first
+    if clusters is not None:
+        _, cluster = np.unique(clusters, return_inverse=True)
+        differences = np.bincount(cluster, differences) / np.bincount(cluster)
+    n, total = len(differences) + 2.0, float(differences.sum())
+    middle = total / n
+    half = Z_95 * math.sqrt(max(float((differences**2).sum()) + 1.0 - total**2 / n, 0.0)) / n
+    return float(differences.mean()), max(-1.0, middle - half), min(1.0, middle + half)
 
 
 def mean(values: Iterable[float | None]) -> float | None:

@@ -46,7 +46,18 @@ def test_tasks_are_told_apart_and_added_up(tmp_path):
         ("go2, square, 16 movers", 3, 0.0),
         ("all", 6, 0.5),
     ]
-    assert "| all | 6 | +50 [" in table("b", "a", differences)
+    assert "| all | 6 of 3 seeds | +50 [" in table("b", "a", differences)
+
+
+def test_a_seed_in_several_tasks_is_one_observation(tmp_path):
+    a, b = tmp_path / "a", tmp_path / "b"
+    before, after = ["collision", "success", "success"], ["success", "success", "collision"]
+    for movers in (8, 16, 24, 40):  # the same comes of a seed, whatever the number of movers
+        evaluation(a, before, movers=movers)
+        evaluation(b, after, movers=movers)
+    differences = compare(read_episodes(a), read_episodes(b))
+    assert (differences["all"].pairs, differences["all"].seeds) == (12, 3)
+    assert differences["all"].of == differences["go2, square, 8 movers"].of
 
 
 def test_a_body_that_falls_less_is_seen_to(tmp_path):
