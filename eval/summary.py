@@ -1,5 +1,6 @@
 """From rows to a summary: rates with 95% intervals and means, a group for each thing compared."""
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 
@@ -10,6 +11,7 @@ from eval.store import Row
 GROUP_BY = ("world", "region", "without", "movers", "robot", "method")
 MEANS = (
     "arriving_time",
+    "path_length",
     "spl",
     "arsps",
     "ansps",
@@ -20,10 +22,12 @@ MEANS = (
     "odometry_final_error",
     "real_time_factor",
 )
-"""Averaged over a group's episodes; ``arriving_time`` over those that arrived."""
+"""Averaged over a group's episodes, however they ended; ``arriving_time`` over those that arrived."""
 
 _COLUMNS = (
     ("time s", "arriving_time", 1),
+    ("way m", "path_length", 1),
+    ("m/coll.", "way_per_collision", 0),
     ("SPL", "spl", 3),
     ("ARSPS", "arsps", 4),
     ("ANSPS", "ansps", 6),
@@ -52,7 +56,10 @@ def summarise(rows: Sequence[Row]) -> list[Row]:
 
 
 def statistics_of(rows: Sequence[Row]) -> Row:
-    """Rates and means of some rows; no rows give rates of None and the interval [0, 1]."""
+    """Rates and means of some rows; no rows give rates of None and the interval [0, 1].
+
+    ``way_per_collision`` is the way of all episodes together over the number of collisions [m], None if there is none.
+    """
     n = len(rows)
     counts = {outcome: sum(row["outcome"] == outcome for row in rows) for outcome in OUTCOMES}
     rates = {
@@ -64,11 +71,21 @@ def statistics_of(rows: Sequence[Row]) -> Row:
         way: {"count": k, "rate": k / len(taken), "interval": list(wilson_interval(k, len(taken)))}
         for way, k in sorted(Counter(taken).items())
     }
-    return {"n": n, **rates, "ways": ways, **{name: mean(row[name] for row in rows) for name in MEANS}}
+    collisions, way = counts["collision"], math.fsum(row["path_length"] or 0.0 for row in rows)
+    return {
+        "n": n,
+        **rates,
+        "ways": ways,
+        **{name: mean(row[name] for row in rows) for name in MEANS},
+        "way_per_collision": way / collisions if collisions else None,
+    }
 
 
 def table(groups: Sequence[Row], total: Row) -> str:
-    """The summary for a terminal: counts with 95% Wilson intervals, means, lengths in metres; last of all rows."""
+    """The summary for a terminal: counts with 95% Wilson intervals, means, lengths in metres; last of all rows.
+
+    ``m/coll.`` is the way for each collision.
+    """
     header = ["episodes", "n", *OUTCOMES, *(title for title, _, _ in _COLUMNS)]
     lines = [header]
     for title, group in [*((_title(group), group) for group in groups), ("all", total)]:

@@ -16,6 +16,7 @@ def episode_by_hash(config: EpisodeConfig) -> dict[str, Any]:
         **config.row(),
         "outcome": "success" if success else "collision",
         "arriving_time": 10.0 + draw if success else None,
+        "path_length": 10.0 * draw,
         "spl": draw,
         "arsps": draw,
         "ansps": draw,

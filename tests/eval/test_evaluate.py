@@ -102,6 +102,26 @@ def test_summary_by_hand():
     assert "2 [21-94%]" in first
 
 
+def test_ways_by_hand():
+    base = jobs.episode_by_hash(CONFIGS[0]) | {"arriving_time": None}
+    ways = {"success": (30.0, 50.0), "collision": (5.0, 15.0), "timeout": (200.0,)}
+    rows = [{**base, "outcome": outcome, "path_length": way} for outcome in ways for way in ways[outcome]]
+    rows += [{**base, "without": "V", "outcome": "success", "path_length": 20.0}]
+    moving, still = summarise(rows)
+    assert moving["path_length"] == 60.0
+    assert moving["way_per_collision"] == 150.0  # 300 m, two collisions
+    assert (still["path_length"], still["way_per_collision"]) == (20.0, None)
+    total = statistics_of(rows)
+    assert total["way_per_collision"] == 160.0
+    header, first, second, last = table([moving, still], total).splitlines()
+    end = header.index("m/coll.") + len("m/coll.")
+    assert [line[:end].split()[-2:] for line in (first, second, last)] == [
+        ["60.0", "150"],
+        ["20.0", "-"],
+        ["53.3", "160"],
+    ]
+
+
 def test_suites_have_the_promised_episodes():
     factory = episodes_of(SUITES["factory"])
     assert len(factory) == 100
