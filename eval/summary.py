@@ -51,7 +51,7 @@ def summarise(rows: Sequence[Row]) -> list[Row]:
     groups: dict[tuple, list[Row]] = {}
     for row in rows:
         groups.setdefault(tuple(row[key] for key in GROUP_BY), []).append(row)
-    ordered = sorted(groups.items(), key=lambda item: [(part is None, str(part)) for part in item[0]])
+    ordered = sorted(groups.items(), key=lambda item: [(part is None, part) for part in item[0]])
     return [{**dict(zip(GROUP_BY, key)), **statistics_of(members)} for key, members in ordered]
 
 

@@ -122,6 +122,13 @@ def test_ways_by_hand():
     ]
 
 
+def test_groups_are_in_the_order_of_their_numbers():
+    base = jobs.episode_by_hash(CONFIGS[0])
+    rows = [{**base, "region": region, "movers": movers} for region in (None, 1) for movers in (24, None, 8, 16)]
+    order = [(1, 8), (1, 16), (1, 24), (1, None), (None, 8), (None, 16), (None, 24), (None, None)]
+    assert [(group["region"], group["movers"]) for group in summarise(rows)] == order
+
+
 def test_suites_have_the_promised_episodes():
     factory = episodes_of(SUITES["factory"])
     assert len(factory) == 100
