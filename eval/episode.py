@@ -11,6 +11,7 @@ import numpy as np
 from eval.methods import BEST, StackRequest, find_method
 from eval.metrics import GOAL_TOLERANCE, Metrics, MetricsRecorder
 from eval.prior_map import rasterise
+from robots.body import Body
 from robots.noise import NoiseConfig
 from robots.registry import make_body
 from robots.simulation import Simulation
@@ -137,11 +138,7 @@ class Episode:
             telemetry=telemetry,
             perfect_odometry=not ambiguous,
         )
-        localisation = "slam" if ambiguous else "odometry"
-        request = StackRequest(
-            self.body.spec, self.body.lidar, localisation, telemetry, self.config.policy, self.config.gamma
-        )
-        return simulation, self.method.build(request)
+        return simulation, self.method.build(stack_request(self.config, self.body, telemetry))
 
     def begin(self, telemetry: Telemetry) -> tuple[Simulation, Navigator, Scan, Odometry]:
         """Both sides ready for the first step, and what the robot senses at first."""
@@ -211,6 +208,12 @@ class Episode:
         if distance(simulation.true_pose, self.world.goal) <= GOAL_TOLERANCE:
             return "success"
         return "timeout" if simulation.time >= self.timeout else None
+
+
+def stack_request(config: EpisodeConfig, body: Body, telemetry: Telemetry) -> StackRequest:
+    """What an episode's method is asked for."""
+    localisation = "odometry" if "A" in config.without else "slam"
+    return StackRequest(body.spec, body.lidar, localisation, telemetry, config.policy, config.gamma)
 
 
 def run_episode(config: EpisodeConfig, telemetry: Telemetry | None = None) -> EpisodeResult:

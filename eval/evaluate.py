@@ -35,7 +35,7 @@ def evaluate(
 
     Args:
         identity: What the evaluation is, for its ``config.json``; another one may not go on with it.
-        configs: Its episodes.
+        configs: Its episodes, one or more, of one robot and one method.
         out: The directory of the results.
         workers: Number of processes.
         job: Runs one episode in a worker.
@@ -45,7 +45,7 @@ def evaluate(
     """
     asked = [config.row() for config in configs]
     place = {key_of(row): i for i, row in enumerate(asked)}
-    made_by = provenance()
+    made_by = provenance(configs[0])
     crashes: list[Crash] = []
     with ResultStore(out, identity, made_by) as store:
         done: set[str] = set()

@@ -1,9 +1,9 @@
 """The methods that can be put in an episode, by name."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from vuca_nav.errors import BadArgument, UnknownName
 from vuca_nav.exploration.explorer import ExplorerConfig
@@ -164,6 +164,20 @@ def find_method(name: str, *, policy: str | None = None, gamma: float | None = N
         if method.learned and method.learned.safety:
             check_goes_with(weights, load_safety(SHIPPED))
     return method
+
+
+def settings_of(navigator: Navigator) -> dict[str, Any]:
+    """All that a navigator was built with but body, lidar and weights: of its stages, its policy and its shield."""
+    policy = navigator.policy
+    settings: dict[str, Any] = {"navigator": asdict(navigator.config)}
+    if isinstance(policy, Shield):
+        settings["shield"] = asdict(policy.config)
+        policy = policy.policy
+    if isinstance(policy, DynamicWindow):
+        settings["dynamic_window"] = asdict(policy.config)
+    if isinstance(policy, LearnedPolicy):
+        settings["gate"] = asdict(policy.network.gate)
+    return settings
 
 
 def _names(*, safety: bool) -> str:

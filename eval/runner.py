@@ -12,15 +12,16 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from eval.episode import EpisodeConfig, run_episode
+from eval.episode import EpisodeConfig, run_episode, stack_request
+from eval.methods import find_method, settings_of
 from eval.store import Row
 from robots.noise import NoiseConfig
-from vuca_nav.navigator import NavigatorConfig
-from vuca_nav.policy.dwa import DynamicWindowConfig
+from robots.registry import make_body
+from vuca_nav.telemetry import Telemetry
 
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
@@ -126,18 +127,22 @@ def _single_threaded_children() -> Iterator[None]:
                 os.environ[name] = value
 
 
-def provenance() -> Row:
-    """What made a result: versions and commit, the libraries that decide on its bits, all settings."""
+def provenance(config: EpisodeConfig) -> Row:
+    """What makes a result: versions and commit, the libraries that decide on its bits, all settings.
+
+    Args:
+        config: Of whose robot and method the settings are, as they are with all difficulties: a task says itself what
+            it leaves out.
+
+    Raises:
+        VucaError: There is no such robot or method, or it cannot be built.
+    """
     made_by: Row = {
         name: importlib.metadata.version(name) for name in ("vuca-nav", "mujoco", "numpy", "numba", "scipy")
     }
-    return {
-        **made_by,
-        "commit": _commit(),
-        "noise": asdict(NoiseConfig()),
-        "navigator": asdict(NavigatorConfig()),
-        "dynamic_window": asdict(DynamicWindowConfig()),
-    }
+    method = find_method(config.method, policy=config.policy, gamma=config.gamma)
+    navigator = method.build(stack_request(replace(config, without=""), make_body(config.robot), Telemetry()))
+    return {**made_by, "commit": _commit(), "noise": asdict(NoiseConfig()), **settings_of(navigator)}
 
 
 def _commit() -> str | None:

@@ -1,14 +1,19 @@
 import json
 import subprocess
+from dataclasses import asdict
 
 import pytest
 
+from eval.episode import EpisodeConfig
 from eval.evaluate import evaluate
 from eval.runner import Crash, provenance, run_episodes
 from eval.suites import SUITES, episodes_of, find_suite, parse_seeds
 from eval.summary import statistics_of, summarise, table
 from tests.eval import jobs
 from vuca_nav.errors import BadArgument, UnknownName
+from vuca_nav.policy.dwa import DynamicWindowConfig
+from vuca_nav.policy.futures import FuturesConfig
+from vuca_nav.policy.shield import ShieldConfig
 
 CONFIGS = episodes_of(SUITES["smoke"], seeds=range(3))
 IDENTITY = {"suite": "smoke", "seeds": [0, 3]}
@@ -173,9 +178,33 @@ def test_a_row_that_is_not_of_this_evaluation_is_named(spoil, tmp_path):
 
 def test_other_code_does_not_go_on_with_our_rows(tmp_path, monkeypatch):
     evaluate(IDENTITY, CONFIGS[:2], tmp_path, workers=1, job=jobs.episode_by_hash)
-    ours = provenance()
-    monkeypatch.setattr("eval.evaluate.provenance", lambda: {**ours, "commit": "fedcba987654"})
+    ours = provenance(CONFIGS[0])
+    monkeypatch.setattr("eval.evaluate.provenance", lambda config: {**ours, "commit": "fedcba987654"})
     with pytest.raises(BadArgument, match=r"begun with commit = .*, not \"fedcba987654\""):
+        evaluate(IDENTITY, CONFIGS[:2], tmp_path, workers=1, job=jobs.episode_by_hash)
+
+
+def test_the_settings_that_are_kept_are_those_that_ran():
+    ours = provenance(EpisodeConfig(method="ours"))
+    assert (ours["navigator"]["exploration_rate"], ours["navigator"]["explorer"]["gamma"]) == (1.0, 300.0)
+    assert ours["shield"] == asdict(ShieldConfig())
+    assert ours["shield"]["futures"] == asdict(FuturesConfig())
+    assert "dynamic_window" not in ours
+    assert provenance(EpisodeConfig(method="ours", gamma=2.0))["navigator"]["explorer"]["gamma"] == 2.0
+    assert provenance(EpisodeConfig(method="ours", without="A")) == ours  # the task says so
+    alone = provenance(EpisodeConfig(method="fusion+-uniform", robot="go2"))
+    assert "shield" not in alone
+    assert alone["gate"]["uniform"]
+    window = provenance(EpisodeConfig(method="dwa-dh"))
+    assert (window["navigator"]["exploration_rate"], window["navigator"]["explorer"]["gamma"]) == (0.2, 0.0)
+    assert window["dynamic_window"] == asdict(DynamicWindowConfig())
+    assert not {"shield", "gate"} & set(window)
+
+
+def test_other_settings_do_not_go_on_with_our_rows(tmp_path, monkeypatch):
+    evaluate(IDENTITY, CONFIGS[:2], tmp_path, workers=1, job=jobs.episode_by_hash)
+    monkeypatch.setattr("eval.methods.EXPLORATION_RATE", 0.5)
+    with pytest.raises(BadArgument, match=r"begun with navigator\.exploration_rate = 1\.0, not 0\.5"):
         evaluate(IDENTITY, CONFIGS[:2], tmp_path, workers=1, job=jobs.episode_by_hash)
 
 
@@ -192,11 +221,11 @@ def test_the_commit_is_ours_not_that_of_a_repository_around_us(tmp_path, monkeyp
     git(tmp_path, "add", ".")
     git(tmp_path, "commit", "-m", "first")
     monkeypatch.setattr("eval.runner.__file__", str(package / "runner.py"))
-    commit = provenance()["commit"]
+    commit = provenance(CONFIGS[0])["commit"]
     assert len(commit) == 12
     (package / "runner.py").write_text("changed")
-    assert provenance()["commit"] == f"{commit}-dirty"
+    assert provenance(CONFIGS[0])["commit"] == f"{commit}-dirty"
     installed = tmp_path / ".venv" / "lib" / "site-packages" / "eval"
     installed.mkdir(parents=True)
     monkeypatch.setattr("eval.runner.__file__", str(installed / "runner.py"))
-    assert provenance()["commit"] is None
+    assert provenance(CONFIGS[0])["commit"] is None

@@ -176,7 +176,7 @@ class Shield(LocalPolicy):
     """
 
     def __init__(self, body: BodySpec, lidar: LidarSpec, policy: LocalPolicy, config: ShieldConfig = ShieldConfig()):
-        self.policy, self._config = policy, config
+        self.policy, self.config = policy, config
         self._guard = Guard(body, lidar, config)
         self._unanswered = Unanswered(body, lidar.rate)
         self._tracker = Tracker(1, lidar.num_beams, 1.0 / lidar.rate, TRACK_SPACING, lidar.num_beams)
@@ -209,7 +209,7 @@ class Shield(LocalPolicy):
         if self._fresh[0]:
             return NOBODY
         things = self._things[: self._tracker.things(0, self._things)]
-        moving = things[: what_moves(things, self._config.walking, self._config.certain, things)]
+        moving = things[: what_moves(things, self.config.walking, self.config.certain, things)]
         return moving[:, [0, 1, 4]]
 
     def stopped(self) -> None:
