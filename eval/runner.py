@@ -1,5 +1,6 @@
 """Many episodes in many processes: a worker a core, a single thread a worker, rows kept as they come."""
 
+import hashlib
 import importlib.metadata
 import multiprocessing
 import multiprocessing.connection
@@ -146,20 +147,26 @@ def provenance(config: EpisodeConfig) -> Row:
 
 
 def _commit() -> str | None:
-    """Of the checkout we run from, ``-dirty`` if it was changed since; None if we run from none, or without git.
+    """Of the checkout we run from; None if we run from none, or without git.
 
-    An installed package may lie in somebody else's checkout, in a virtual environment there for example.
+    If it was changed since: ``-dirty-`` and a hash of the changes, so that two changed trees are told apart; files that
+    git does not know of are not looked at. An installed package may lie in somebody else's checkout, in a virtual
+    environment there for example.
     """
     root = Path(__file__).resolve().parents[1]
     top = _git(root, "rev-parse", "--show-toplevel")
-    if top is None or Path(top).resolve() != root:
+    if top is None or Path(os.fsdecode(top)).resolve() != root:
         return None
-    return _git(root, "describe", "--always", "--dirty", "--abbrev=12")
+    commit = _git(root, "describe", "--always", "--dirty", "--abbrev=12")
+    if commit is None or not commit.endswith(b"-dirty"):
+        return None if commit is None else commit.decode()
+    changes = _git(root, "diff", "--no-ext-diff", "--no-textconv", "--full-index", "HEAD") or b""
+    return f"{commit.decode()}-{hashlib.sha256(changes).hexdigest()[:12]}"
 
 
-def _git(directory: Path, *arguments: str) -> str | None:
+def _git(directory: Path, *arguments: str) -> bytes | None:
     try:
-        result = subprocess.run(["git", *arguments], cwd=directory, capture_output=True, text=True, check=False)
+        result = subprocess.run(["git", *arguments], cwd=directory, capture_output=True, check=False)
     except FileNotFoundError:
         return None
     return result.stdout.strip() or None

@@ -223,8 +223,13 @@ def test_the_commit_is_ours_not_that_of_a_repository_around_us(tmp_path, monkeyp
     monkeypatch.setattr("eval.runner.__file__", str(package / "runner.py"))
     commit = provenance(CONFIGS[0])["commit"]
     assert len(commit) == 12
-    (package / "runner.py").write_text("changed")
-    assert provenance(CONFIGS[0])["commit"] == f"{commit}-dirty"
+    dirty = []
+    for change in (b"changed", b"changed again", b"\0 \xff binary", b"\0 \xfe binary", b"changed"):
+        (package / "runner.py").write_bytes(change)
+        dirty.append(provenance(CONFIGS[0])["commit"])
+    assert all(name.startswith(f"{commit}-dirty-") for name in dirty)
+    assert len(set(dirty)) == 4
+    assert dirty[0] == dirty[-1]
     installed = tmp_path / ".venv" / "lib" / "site-packages" / "eval"
     installed.mkdir(parents=True)
     monkeypatch.setattr("eval.runner.__file__", str(installed / "runner.py"))
