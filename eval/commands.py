@@ -6,127 +6,25 @@ import hashlib
 import json
 import os
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any
 
-import tyro
-
+from eval.arguments import (
+    BenchArguments,
+    DriverArguments,
+    EpisodeArguments,
+    EvalArguments,
+    HeatmapArguments,
+    ListArguments,
+    RunArguments,
+)
 from vuca_nav.cli import parse
 from vuca_nav.errors import BadArgument
 
 if TYPE_CHECKING:
+    from eval.episode import EpisodeConfig
     from vuca_nav.telemetry_rerun import RerunTelemetry
-
-
-@dataclass(frozen=True)
-class RunArguments:
-    """Run one episode: a robot, a world it has no map of, a goal."""
-
-    world: str = "factory"
-    """A world's name (see vuca list worlds), or a scene file ending in .yaml."""
-    region: Annotated[int | None, tyro.conf.arg(metavar="K")] = None
-    """How many quarters of the factory, 1 to 4."""
-    robot: str = "tiago"
-    """A robot's name (see vuca list robots)."""
-    method: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
-    """A method's name (see vuca list methods); by default the best there is."""
-    seed: int = 0
-    """Of the world, its moving obstacles and the sensors' noise."""
-    without: str = ""
-    """Difficulties left out: V moving obstacles, U the map unknown, C corridors, A noise of the sensors."""
-    movers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """How many moving obstacles, in the worlds that let one choose."""
-    start: Annotated[tuple[float, float, float] | None, tyro.conf.arg(metavar="X Y YAW")] = None
-    """Start here instead [m, m, rad]."""
-    goal: Annotated[tuple[float, float] | None, tyro.conf.arg(metavar="X Y")] = None
-    """Go there instead [m]."""
-    policy: Annotated[Path | None, tyro.conf.arg(metavar="FILE.safetensors")] = None
-    """Drive by these weights instead of the method's own."""
-    gamma: Annotated[float | None, tyro.conf.arg(metavar="G")] = None
-    """How much longer a way may be if that surely spares meeting somebody [m], for a method that has V^h."""
-    record: Annotated[Path | None, tyro.conf.arg(metavar="FILE.rrd")] = None
-    """Record the run for the Rerun viewer."""
-    spawn: bool = False
-    """Show the run in a Rerun viewer as it happens."""
-    serve: bool = False
-    """Show the run in a browser as it happens."""
-    json: bool = False
-    """End with one JSON object on stdout."""
-
-
-@dataclass(frozen=True)
-class ListArguments:
-    """List the worlds, robots, methods or suites there are."""
-
-    what: tyro.conf.Positional[Literal["worlds", "robots", "methods", "suites"]]
-    """What to list."""
-    json: bool = False
-    """As one JSON object."""
-
-
-@dataclass(frozen=True)
-class EvalArguments:
-    """Run a suite of episodes on all cores; run it again, and it goes on where it was."""
-
-    suite: tyro.conf.Positional[str]
-    """A suite's name (see vuca list suites)."""
-    out: Path
-    """Directory of the results."""
-    episodes: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """Only the first N episodes."""
-    seeds: Annotated[str | None, tyro.conf.arg(metavar="A:B")] = None
-    """The seeds A to B - 1 instead of the suite's own."""
-    workers: Annotated[int | None, tyro.conf.arg(metavar="W")] = None
-    """Number of processes; by default one for each core."""
-    method: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
-    """A method's name; by default the best there is."""
-    robot: str = "tiago"
-    """A robot's name."""
-    policy: Annotated[Path | None, tyro.conf.arg(metavar="FILE.safetensors")] = None
-    """Drive by these weights instead of the method's own."""
-    gamma: Annotated[float | None, tyro.conf.arg(metavar="G")] = None
-    """How much longer a way may be if that surely spares meeting somebody [m], for a method that has V^h."""
-    json: bool = False
-    """End with one JSON object on stdout, the summary."""
-
-
-@dataclass(frozen=True)
-class HeatmapArguments:
-    """Draw what the critic makes of every place around the robot as a goal, V^h, at one moment of a run."""
-
-    out: Path
-    """The picture, a PNG file."""
-    at: float = 20.0
-    """Moment of the run [s]; if it is over earlier, its last one."""
-    world: str = "factory"
-    """A world's name (see vuca list worlds), or a scene file ending in .yaml."""
-    region: Annotated[int | None, tyro.conf.arg(metavar="K")] = None
-    """How many quarters of the factory, 1 to 4."""
-    robot: str = "tiago"
-    """A robot's name (see vuca list robots)."""
-    method: Annotated[str, tyro.conf.arg(metavar="NAME")] = "ours"
-    """A method with V^h: it drives, and its critic is asked."""
-    seed: int = 0
-    """Of the world, its moving obstacles and the sensors' noise."""
-    without: str = ""
-    """Difficulties left out: V moving obstacles, U the map unknown, C corridors, A noise of the sensors."""
-    policy: Annotated[Path | None, tyro.conf.arg(metavar="FILE.safetensors")] = None
-    """Drive by these weights instead of the method's own."""
-    half_side: float = 8.0
-    """Of the square that is drawn [m]."""
-    resolution: float = 0.1
-    """Between two places asked about [m]."""
-    json: bool = False
-    """End with one JSON object on stdout."""
-
-
-@dataclass(frozen=True)
-class BenchArguments:
-    """Measure speed: ratios against named references, real-time factor, time of each stage."""
-
-    json: bool = False
-    """End with one JSON object on stdout."""
 
 
 def run(argv: list[str]) -> int:
@@ -134,23 +32,10 @@ def run(argv: list[str]) -> int:
     arguments = parse(RunArguments, "run", argv)
     if sum((arguments.record is not None, arguments.spawn, arguments.serve)) > 1:
         raise BadArgument("--record, --spawn and --serve exclude each other; give one of them")
-    from eval.episode import Episode, EpisodeConfig
-    from eval.methods import BEST
+    from eval.episode import Episode
     from eval.progress import ProgressLine, result_table
 
-    config = EpisodeConfig(
-        world=arguments.world,
-        region=arguments.region,
-        robot=arguments.robot,
-        method=arguments.method or BEST,
-        seed=arguments.seed,
-        without=arguments.without,
-        movers=arguments.movers,
-        start=arguments.start,
-        goal=arguments.goal,
-        policy=_text(arguments.policy),
-        gamma=arguments.gamma,
-    )
+    config = _episode(arguments)
     episode = Episode(config)
     telemetry = _open_telemetry(arguments, f"{config.world}, {config.robot}, {config.method}, seed {config.seed}")
     try:
@@ -184,32 +69,24 @@ def eval_(argv: list[str]) -> int:
     if arguments.workers is not None and arguments.workers < 1:
         raise BadArgument(f"--workers must be 1 or more, got {arguments.workers}")
     from eval.evaluate import evaluate
-    from eval.methods import BEST, GAMMA, find_method
+    from eval.methods import GAMMA, find_method
     from eval.suites import episodes_of, find_suite, parse_seeds
     from eval.summary import table
     from vuca_nav.policy.safety import SHIPPED
 
     suite = find_suite(arguments.suite)
     seeds = suite.seeds if arguments.seeds is None else parse_seeds(arguments.seeds)
-    method = arguments.method or BEST
-    configs = episodes_of(
-        suite,
-        robot=arguments.robot,
-        method=method,
-        seeds=seeds,
-        limit=arguments.episodes,
-        policy=_text(arguments.policy),
-        gamma=arguments.gamma,
-    )
+    driver = _chosen(arguments, DriverArguments)
+    configs = episodes_of(suite, seeds=seeds, limit=arguments.episodes, **driver)
     identity = {
         "suite": arguments.suite,
-        "robot": arguments.robot,
-        "method": method,
+        "robot": driver["robot"],
+        "method": driver["method"],
         "seeds": [seeds.start, seeds.stop],
         "episodes": len(configs),
         "tasks": [asdict(task) for task in suite.tasks],
     }
-    learned = find_method(method, policy=_text(arguments.policy), gamma=arguments.gamma).learned
+    learned = find_method(driver["method"], policy=driver["policy"], gamma=driver["gamma"]).learned
     if learned is not None:  # other weights of the same name, or another default of gamma, are another evaluation
         weights = arguments.policy or learned.path
         identity["policy"] = str(arguments.policy or learned.weights)
@@ -230,19 +107,10 @@ def eval_(argv: list[str]) -> int:
 def heatmap(argv: list[str]) -> int:
     """Draw what the critic makes of every place around the robot as a goal."""
     arguments = parse(HeatmapArguments, "heatmap", argv)
-    from eval.episode import EpisodeConfig
     from eval.heatmap import draw, view_at
     from eval.progress import ProgressLine
 
-    config = EpisodeConfig(
-        world=arguments.world,
-        region=arguments.region,
-        robot=arguments.robot,
-        method=arguments.method,
-        seed=arguments.seed,
-        without=arguments.without,
-        policy=_text(arguments.policy),
-    )
+    config = _episode(arguments)
     with ProgressLine(sys.stderr) as progress:
         view = view_at(config, arguments.at, arguments.half_side, arguments.resolution, progress)
     draw(view, arguments.out)
@@ -273,8 +141,20 @@ def _open_telemetry(arguments: RunArguments, title: str) -> RerunTelemetry | Non
     return RerunTelemetry.spawn(title=title) if arguments.spawn else RerunTelemetry.serve(title=title)
 
 
-def _text(path: Path | None) -> str | None:
-    return None if path is None else str(path)
+def _episode(arguments: EpisodeArguments) -> EpisodeConfig:
+    """The episode that is asked for."""
+    from eval.episode import EpisodeConfig
+
+    return EpisodeConfig(**_chosen(arguments, EpisodeArguments))
+
+
+def _chosen(arguments: DriverArguments, kind: type[DriverArguments]) -> dict[str, Any]:
+    """The arguments of that kind as an episode has them: paths as text, the best method if none is named."""
+    from eval.methods import BEST
+
+    values = {field.name: getattr(arguments, field.name) for field in fields(kind)}
+    chosen = {name: str(value) if isinstance(value, Path) else value for name, value in values.items()}
+    return chosen | {"method": arguments.method or BEST}
 
 
 def _names(what: str) -> dict[str, str]:

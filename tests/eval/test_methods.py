@@ -1,11 +1,13 @@
 """Learned methods, from a weights file to an episode and a picture."""
 
 import json
+from dataclasses import fields
 
 import numpy as np
 import pytest
 
 from eval import methods
+from eval.arguments import HeatmapArguments, RunArguments
 from eval.commands import heatmap
 from eval.episode import Episode, EpisodeConfig
 from eval.heatmap import colours_of, view_at
@@ -121,6 +123,24 @@ def test_a_heatmap_shows_the_critics_values_around_the_robot(weights, tmp_path, 
     for at, half_side, resolution in ((-1.0, 2.0, 0.5), (1.0, 2.0, 0.0), (1.0, 0.1, 0.5), (1.0, 800.0, 0.1)):
         with pytest.raises(BadArgument, match="must be"):
             view_at(config, at, half_side, resolution)
+
+
+def test_a_heatmap_is_told_of_its_scene_what_a_run_is(tmp_path, monkeypatch):
+    for kind in (RunArguments, HeatmapArguments):
+        assert {field.name for field in fields(EpisodeConfig)} <= {field.name for field in fields(kind)}
+    asked = []
+
+    def view(config, *_):
+        asked.append(config)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("eval.heatmap.view_at", view)
+    scene = ["--world", "square", "--movers", "3", "--seed", "4", "--start", "1", "2", "0.5", "--goal", "8", "5"]
+    with pytest.raises(KeyboardInterrupt):
+        heatmap([*scene, "--robot", "go2", "--gamma", "7", "--out", str(tmp_path / "h.png")])
+    assert asked == [
+        EpisodeConfig("square", None, "go2", "ours", 4, movers=3, start=(1.0, 2.0, 0.5), goal=(8.0, 5.0), gamma=7.0)
+    ]
 
 
 def test_colours_run_from_dark_to_bright():
