@@ -107,9 +107,10 @@ def eval_(argv: list[str]) -> int:
 def heatmap(argv: list[str]) -> int:
     """Draw what the critic makes of every place around the robot as a goal."""
     arguments = parse(HeatmapArguments, "heatmap", argv)
-    from eval.heatmap import draw, view_at
+    from eval.heatmap import check_writable, draw, view_at
     from eval.progress import ProgressLine
 
+    check_writable(arguments.out)
     config = _episode(arguments)
     with ProgressLine(sys.stderr) as progress:
         view = view_at(config, arguments.at, arguments.half_side, arguments.resolution, progress)

@@ -10,7 +10,7 @@ from eval import methods
 from eval.arguments import HeatmapArguments, RunArguments
 from eval.commands import heatmap
 from eval.episode import Episode, EpisodeConfig
-from eval.heatmap import colours_of, view_at
+from eval.heatmap import check_writable, colours_of, view_at
 from eval.methods import ALL, EXPLORATION_RATE, GAMMA, METHODS, Learned, StackRequest, find_method
 from eval.suites import SUITES, episodes_of
 from tests.vuca_nav.random_policy import random_policy
@@ -116,8 +116,6 @@ def test_a_heatmap_shows_the_critics_values_around_the_robot(weights, tmp_path, 
     assert (told["least"], told["greatest"]) == (view.least, view.greatest)
     pose = view.map_from_base
     assert view.safety.lower_left == pytest.approx((pose.x - 2.0, pose.y - 2.0))
-    with pytest.raises(BadArgument, match="cannot write"):
-        heatmap([*arguments, "--out", str(tmp_path / "no" / "h.png")])
     with pytest.raises(BadArgument, match="has no critic"):
         view_at(EpisodeConfig(world="static", method="dwa-dh"), 0.0, 2.0, 0.5)
     for at, half_side, resolution in ((-1.0, 2.0, 0.5), (1.0, 2.0, 0.0), (1.0, 0.1, 0.5), (1.0, 800.0, 0.1)):
@@ -141,6 +139,26 @@ def test_a_heatmap_is_told_of_its_scene_what_a_run_is(tmp_path, monkeypatch):
     assert asked == [
         EpisodeConfig("square", None, "go2", "ours", 4, movers=3, start=(1.0, 2.0, 0.5), goal=(8.0, 5.0), gamma=7.0)
     ]
+
+
+@pytest.mark.parametrize("place", ["no/h.png", "."])
+def test_a_picture_that_cannot_be_written_is_noticed_before_the_run(place, tmp_path, monkeypatch):
+    def view(*_):
+        raise AssertionError("it was run")
+
+    monkeypatch.setattr("eval.heatmap.view_at", view)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(BadArgument, match=f"cannot write {place}: "):
+        heatmap(["--out", place])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_looking_whether_a_file_can_be_written_changes_nothing(tmp_path):
+    check_writable(tmp_path / "new.png")
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "old.png").write_text("old")
+    check_writable(tmp_path / "old.png")
+    assert (tmp_path / "old.png").read_text() == "old"
 
 
 def test_colours_run_from_dark_to_bright():
