@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import sys
@@ -69,31 +68,24 @@ def eval_(argv: list[str]) -> int:
     if arguments.workers is not None and arguments.workers < 1:
         raise BadArgument(f"--workers must be 1 or more, got {arguments.workers}")
     from eval.evaluate import evaluate
-    from eval.methods import GAMMA, find_method
+    from eval.methods import identity_of
     from eval.suites import episodes_of, find_suite, parse_seeds
     from eval.summary import table
-    from vuca_nav.policy.safety import SHIPPED
 
     suite = find_suite(arguments.suite)
     seeds = suite.seeds if arguments.seeds is None else parse_seeds(arguments.seeds)
     driver = _chosen(arguments, DriverArguments)
-    configs = episodes_of(suite, seeds=seeds, limit=arguments.episodes, **driver)
+    robot = driver.pop("robot")
+    configs = episodes_of(suite, robot=robot, seeds=seeds, limit=arguments.episodes, **driver)
     identity = {
         "suite": arguments.suite,
-        "robot": driver["robot"],
+        "robot": robot,
         "method": driver["method"],
         "seeds": [seeds.start, seeds.stop],
         "episodes": len(configs),
         "tasks": [asdict(task) for task in suite.tasks],
+        **identity_of(**driver),
     }
-    learned = find_method(driver["method"], policy=driver["policy"], gamma=driver["gamma"]).learned
-    if learned is not None:  # other weights of the same name, or another default of gamma, are another evaluation
-        weights = arguments.policy or learned.path
-        identity["policy"] = str(arguments.policy or learned.weights)
-        identity["sha256"] = hashlib.sha256(weights.read_bytes()).hexdigest()
-        if learned.safety:
-            identity["gamma"] = GAMMA if arguments.gamma is None else arguments.gamma
-            identity["safety"] = hashlib.sha256(SHIPPED.read_bytes()).hexdigest()
     workers = arguments.workers or len(os.sched_getaffinity(0))
     evaluation = evaluate(identity, configs, arguments.out, workers=workers)
     print(table(evaluation.groups, evaluation.total))

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from eval.methods import BEST, StackRequest, find_method
+from eval.methods import BEST, Method, StackRequest, find_method
 from eval.metrics import GOAL_TOLERANCE, Metrics, MetricsRecorder
 from eval.prior_map import rasterise
 from robots.body import Body
@@ -55,6 +55,8 @@ class EpisodeConfig:
     """Weights file of the local policy instead of the method's own."""
     gamma: float | None = None
     """Weight of the safety term instead of the method's own."""
+    safety: str | None = None
+    """Weights file of the critic of V^h instead of the shipped one."""
 
     def __post_init__(self) -> None:
         """Raises BadArgument for a negative seed or gamma, an unknown difficulty, a start or goal not finite."""
@@ -119,7 +121,7 @@ class Episode:
     def __init__(self, config: EpisodeConfig):
         began = time.perf_counter()
         self.config = config
-        self.method = find_method(config.method, policy=config.policy, gamma=config.gamma)
+        self.method = method_of(config)
         self.body = make_body(config.robot)
         self.world = _make_task(config, self.body.spec.radius)
         self.shortest_path = check_task(self.world, self.body.spec.radius)
@@ -210,10 +212,20 @@ class Episode:
         return "timeout" if simulation.time >= self.timeout else None
 
 
+def method_of(config: EpisodeConfig) -> Method:
+    """The method of an episode, checked to go with what it is given.
+
+    Raises:
+        VucaError: It does not.
+    """
+    return find_method(config.method, policy=config.policy, gamma=config.gamma, safety=config.safety)
+
+
 def stack_request(config: EpisodeConfig, body: Body, telemetry: Telemetry) -> StackRequest:
     """What an episode's method is asked for."""
     localisation = "odometry" if "A" in config.without else "slam"
-    return StackRequest(body.spec, body.lidar, localisation, telemetry, config.policy, config.gamma)
+    given = config.policy, config.gamma, config.safety
+    return StackRequest(body.spec, body.lidar, localisation, telemetry, *given)
 
 
 def run_episode(config: EpisodeConfig, telemetry: Telemetry | None = None) -> EpisodeResult:

@@ -1,5 +1,6 @@
 """The methods that can be put in an episode, by name."""
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -38,6 +39,8 @@ class StackRequest:
     """Weights file instead of the method's own."""
     gamma: float | None = None
     """Of the safety term instead of the method's own [m]."""
+    safety: str | None = None
+    """Weights file of the critic of V^h instead of the shipped one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +76,11 @@ class Learned:
         """Whether all that it needs is there."""
         return self.path.is_file() and (not self.safety or SHIPPED.is_file())
 
+    def files(self, policy: str | None = None, safety: str | None = None) -> tuple[Path, Path | None]:
+        """Of the policy's weights and of the critic's, None without V^h; those that are given instead of its own."""
+        critic = SHIPPED if safety is None else Path(safety)
+        return self.path if policy is None else Path(policy), critic if self.safety else None
+
     def build(self, request: StackRequest) -> Navigator:
         """The whole stack.
 
@@ -80,15 +88,15 @@ class Learned:
             VucaError: The weights cannot be used.
         """
         body, lidar, telemetry = request.body, request.lidar, request.telemetry
-        weights = load_weights(self.path if request.policy is None else Path(request.policy))
-        policy = LearnedPolicy(body, lidar, weights, self.gate, telemetry)
+        weights, critic = self.files(request.policy, request.safety)
+        policy = LearnedPolicy(body, lidar, load_weights(weights), self.gate, telemetry)
         guarded = Shield(body, lidar, policy) if self.shielded else policy
         config = _config(request)
-        if not self.safety:
+        if critic is None:
             return Navigator(body, lidar, guarded, config, telemetry)
         gamma = GAMMA if request.gamma is None else request.gamma
         config = replace(config, explorer=ExplorerConfig(gamma=gamma), exploration_rate=EXPLORATION_RATE)
-        return Navigator(body, lidar, guarded, config, telemetry, LearnedSafety(policy, load_safety(SHIPPED)))
+        return Navigator(body, lidar, guarded, config, telemetry, LearnedSafety(policy, load_safety(critic)))
 
 
 def _config(request: StackRequest) -> NavigatorConfig:
@@ -138,32 +146,72 @@ BEST = "ours"
 """What runs when no method is named."""
 
 
-def find_method(name: str, *, policy: str | None = None, gamma: float | None = None) -> Method:
+def find_method(
+    name: str, *, policy: str | None = None, gamma: float | None = None, safety: str | None = None
+) -> Method:
     """The method of that name.
 
     Args:
         name: Among ``METHODS``, or with a weights file among ``ALL``.
         policy: A weights file for it.
         gamma: Of the safety term, for it [m].
+        safety: A weights file of the critic of V^h, for it.
 
     Raises:
         UnknownName: There is none.
-        BadArgument: It has no use for a weights file, or for gamma, or V^h none for what the weights look at.
-        BadWeights: The weights file cannot be used.
+        BadArgument: It has no use for a weights file, for gamma or for a critic, or policy and critic look at different
+            things.
+        BadWeights: A weights file cannot be used.
     """
-    methods = METHODS if policy is None else ALL
+    own = policy is not None or safety is not None
+    methods = ALL if own else METHODS
     if name not in methods:
         raise UnknownName("method", name, methods)
     method = methods[name]
-    if policy is not None and method.learned is None:
+    learned = method.learned
+    if policy is not None and learned is None:
         raise BadArgument(f"method {name!r} drives by no weights; --policy goes with: {_names(safety=False)}")
-    if gamma is not None and not (method.learned and method.learned.safety):
-        raise BadArgument(f"method {name!r} has no safety term; --gamma goes with: {_names(safety=True)}")
-    if policy is not None:
-        weights = load_weights(Path(policy))
-        if method.learned and method.learned.safety:
-            check_goes_with(weights, load_safety(SHIPPED))
+    for option, value in (("--gamma", gamma), ("--safety", safety)):
+        if value is not None and not (learned and learned.safety):
+            raise BadArgument(f"method {name!r} has no V^h; {option} goes with: {_names(safety=True)}")
+    if own and learned is not None:
+        weights, critic = learned.files(policy, safety)
+        loaded = load_weights(weights)
+        if critic is not None:
+            check_goes_with(loaded, load_safety(critic))
     return method
+
+
+def identity_of(
+    method: str, *, policy: str | None = None, gamma: float | None = None, safety: str | None = None
+) -> dict[str, Any]:
+    """What tells evaluations of one method apart: its weights, by name and content, and gamma.
+
+    Args:
+        method: Its name.
+        policy: As in ``find_method``.
+        gamma: As there.
+        safety: As there.
+
+    Raises:
+        VucaError: As there.
+    """
+    learned = find_method(method, policy=policy, gamma=gamma, safety=safety).learned
+    if learned is None:
+        return {}
+    weights, critic = learned.files(policy, safety)
+    identity = {"policy": policy or learned.weights, "sha256": _digest(weights)}
+    if critic is None:
+        return identity
+    return identity | {
+        "gamma": GAMMA if gamma is None else gamma,
+        "safety": safety or SHIPPED.stem,
+        "safety_sha256": _digest(critic),
+    }
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def settings_of(navigator: Navigator) -> dict[str, Any]:

@@ -17,8 +17,8 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from eval.episode import EpisodeConfig, run_episode, stack_request
-from eval.methods import find_method, settings_of
+from eval.episode import EpisodeConfig, method_of, run_episode, stack_request
+from eval.methods import settings_of
 from eval.store import Row
 from robots.noise import NoiseConfig
 from robots.registry import make_body
@@ -141,8 +141,9 @@ def provenance(config: EpisodeConfig) -> Row:
     made_by: Row = {
         name: importlib.metadata.version(name) for name in ("vuca-nav", "mujoco", "numpy", "numba", "scipy")
     }
-    method = find_method(config.method, policy=config.policy, gamma=config.gamma)
-    navigator = method.build(stack_request(replace(config, without=""), make_body(config.robot), Telemetry()))
+    navigator = method_of(config).build(
+        stack_request(replace(config, without=""), make_body(config.robot), Telemetry())
+    )
     return {**made_by, "commit": _commit(), "noise": asdict(NoiseConfig()), **settings_of(navigator)}
 
 

@@ -94,6 +94,7 @@ def episodes_of(
     limit: int | None = None,
     policy: str | None = None,
     gamma: float | None = None,
+    safety: str | None = None,
 ) -> tuple[EpisodeConfig, ...]:
     """All episodes of a suite, the first seed of every task before the second.
 
@@ -105,19 +106,19 @@ def episodes_of(
         limit: Only the first so many episodes.
         policy: A weights file instead of the method's own.
         gamma: Of the safety term instead of the method's own [m].
+        safety: A weights file of the critic of V^h instead of the shipped one.
 
     Raises:
         VucaError: There is no such robot, method or weights file, or the limit is not positive.
     """
     if robot not in ROBOTS:
         raise UnknownName("robot", robot, ROBOTS)
-    find_method(method, policy=policy, gamma=gamma)
+    given = {"policy": policy, "gamma": gamma, "safety": safety}
+    find_method(method, **given)
     if limit is not None and limit < 1:
         raise BadArgument(f"--episodes must be 1 or more, got {limit}")
     every = tuple(
-        EpisodeConfig(
-            task.world, task.region, robot, method, seed, task.without, task.movers, policy=policy, gamma=gamma
-        )
+        EpisodeConfig(task.world, task.region, robot, method, seed, task.without, task.movers, **given)
         for seed in (suite.seeds if seeds is None else seeds)
         for task in suite.tasks
     )

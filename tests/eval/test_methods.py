@@ -1,25 +1,29 @@
 """Learned methods, from a weights file to an episode and a picture."""
 
+import hashlib
 import json
+import re
 from dataclasses import fields
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from eval import methods
 from eval.arguments import HeatmapArguments, RunArguments
-from eval.commands import heatmap
+from eval.commands import eval_, heatmap
 from eval.episode import Episode, EpisodeConfig
 from eval.heatmap import check_writable, colours_of, view_at
-from eval.methods import ALL, EXPLORATION_RATE, GAMMA, METHODS, Learned, StackRequest, find_method
+from eval.methods import ALL, EXPLORATION_RATE, GAMMA, METHODS, Learned, StackRequest, find_method, identity_of
 from eval.suites import SUITES, episodes_of
 from tests.vuca_nav.random_policy import random_policy
+from tests.vuca_nav.random_safety import random_safety
 from tests.vuca_nav.rooms import LIDAR, disc_body
 from vuca_nav.errors import BadArgument, BadWeights, UnknownName
 from vuca_nav.exploration.heuristic import NoCritic
 from vuca_nav.policy.learned import LearnedPolicy
 from vuca_nav.policy.observation import ObservationConfig
-from vuca_nav.policy.safety import LearnedSafety
+from vuca_nav.policy.safety import SHIPPED, LearnedSafety, load_safety
 from vuca_nav.policy.shield import Shield
 from vuca_nav.telemetry import Telemetry
 
@@ -27,6 +31,11 @@ from vuca_nav.telemetry import Telemetry
 @pytest.fixture
 def weights(tmp_path) -> str:
     return str(random_policy(tmp_path / "p.safetensors", ObservationConfig(kind="tracked")))
+
+
+@pytest.fixture
+def critic(tmp_path) -> str:
+    return str(random_safety(tmp_path / "s.safetensors"))
 
 
 def build(name: str, **options):
@@ -70,7 +79,7 @@ def test_a_shipped_file_is_found_by_its_methods(tmp_path, monkeypatch):
 def test_what_does_not_go_together_is_refused(weights, tmp_path):
     with pytest.raises(BadArgument, match="drives by no weights"):
         find_method("dwa-dh", policy=weights)
-    with pytest.raises(BadArgument, match="has no safety term; --gamma goes with: ours"):
+    with pytest.raises(BadArgument, match=r"has no V\^h; --gamma goes with: ours"):
         find_method("ours-dh", policy=weights, gamma=1.0)
     with pytest.raises(BadWeights, match="no policy weights at"):
         find_method("ours", policy=str(tmp_path / "none"))
@@ -85,9 +94,66 @@ def test_what_does_not_go_together_is_refused(weights, tmp_path):
         episodes_of(SUITES["smoke"], method="ours", policy=str(tmp_path / "none"))
 
 
-def test_weights_and_gamma_are_in_every_row(weights):
-    configs = episodes_of(SUITES["smoke"], method="ours", policy=weights, gamma=1.5)
-    assert {(c.row()["policy"], c.row()["gamma"]) for c in configs} == {(weights, 1.5)}
+def test_a_critic_of_ones_own_rates_the_ways(weights, critic):
+    for given, path in (
+        ({}, SHIPPED),
+        ({"safety": critic}, Path(critic)),
+        ({"safety": critic, "policy": None}, critic),
+    ):
+        rates = build("ours", **{"policy": weights, **given}).explorer.critic
+        assert isinstance(rates, LearnedSafety)
+        for a, b in zip(rates._weights, load_safety(Path(path)).weights, strict=True):
+            assert np.array_equal(a, b)
+
+
+def test_a_critic_that_cannot_be_used_is_refused(weights, critic, tmp_path):
+    for name in ("dwa-dh", "ours-dh", "fusion+"):
+        with pytest.raises(BadArgument, match=rf"'{re.escape(name)}' has no V\^h; --safety goes with: ours$"):
+            find_method(name, safety=critic)
+    with pytest.raises(BadWeights, match=r"no weights of a safety critic at .*none; make them with: vuca train safety"):
+        find_method("ours", safety=str(tmp_path / "none"))
+    with pytest.raises(BadWeights, match=r"p.safetensors: format is 'vuca-policy-1', expected 'vuca-safety-1'"):
+        find_method("ours", safety=weights)
+    with pytest.raises(BadWeights, match=r"s.safetensors: format is 'vuca-safety-1', expected 'vuca-policy-1'"):
+        find_method("ours", policy=critic)
+    odd = random_safety(tmp_path / "odd.safetensors", {"observation": json.dumps({})})
+    with pytest.raises(BadWeights, match=r"odd.safetensors: observation is \{\}"):
+        Episode(EpisodeConfig(world="static", safety=str(odd)))
+    paper = str(random_policy(tmp_path / "paper.safetensors"))
+    with pytest.raises(BadArgument, match=r"critic s\.safetensors at .*or a critic that looks at the same"):
+        episodes_of(SUITES["smoke"], policy=paper, safety=critic)
+
+
+def test_what_it_is_given_is_in_every_row(weights, critic):
+    configs = episodes_of(SUITES["smoke"], method="ours", policy=weights, gamma=1.5, safety=critic)
+    assert {(c.row()["policy"], c.row()["gamma"], c.row()["safety"]) for c in configs} == {(weights, 1.5, critic)}
+
+
+def test_other_weights_of_the_same_name_are_another_evaluation(weights, critic, tmp_path):
+    ours = identity_of("ours")
+    assert {key: ours[key] for key in ("policy", "gamma", "safety")} == {
+        "policy": "fusion_plus", "gamma": GAMMA, "safety": "safety",
+    }  # fmt: skip
+    assert ours["safety_sha256"] == hashlib.sha256(SHIPPED.read_bytes()).hexdigest()
+    given = identity_of("ours", policy=weights, gamma=2.0, safety=critic)
+    assert {key: given[key] for key in ("policy", "gamma", "safety")} == {
+        "policy": weights, "gamma": 2.0, "safety": critic,
+    }  # fmt: skip
+    Path(critic).write_bytes(SHIPPED.read_bytes())
+    again = identity_of("ours", policy=weights, gamma=2.0, safety=critic)
+    assert {key for key in given if given[key] != again[key]} == {"safety_sha256"}
+    assert set(identity_of("ours-dh")) == {"policy", "sha256"}
+    assert identity_of("dwa-dh") == {}
+
+
+def test_an_evaluation_begun_by_another_critic_is_not_gone_on_with(critic, tmp_path, monkeypatch):
+    monkeypatch.setattr("eval.evaluate.run_episodes", lambda *_: iter(()))
+    arguments = ["smoke", "--out", str(tmp_path / "out"), "--safety", critic]
+    assert eval_(arguments) == 0
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["safety"] == critic
+    Path(critic).write_bytes(SHIPPED.read_bytes())
+    with pytest.raises(BadArgument, match="was begun with safety_sha256 = "):
+        eval_(arguments)
 
 
 def test_an_episode_with_any_weights_ends_the_same_every_time(weights):

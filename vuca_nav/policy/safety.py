@@ -64,7 +64,7 @@ def check_goes_with(policy: PolicyWeights, critic: SafetyWeights) -> None:
     if policy.observation != critic.observation:
         raise BadArgument(
             f"{policy.path} looks at {policy.observation}, but V^h's critic {critic.path.name} at "
-            f"{critic.observation}: take a method without V^h, such as 'ours-dh'"
+            f"{critic.observation}: take a method without V^h, such as 'ours-dh', or a critic that looks at the same"
         )
 
 
