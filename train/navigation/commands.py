@@ -2,6 +2,7 @@
 
 import os
 import shlex
+import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -15,6 +16,7 @@ from train.navigation.safety import SafetyConfig, SafetyTraining
 from train.navigation.stages import EVERYTHING, StageConfig, find_stage, from_scratch
 from vuca_nav.cli import parse
 from vuca_nav.errors import BadArgument
+from vuca_nav.policy.weights_file import WEIGHTS_FOLDER
 
 
 @dataclass(frozen=True)
@@ -23,7 +25,8 @@ class RunArguments:
 
     out: Path = Path("runs/navigation")
     """Directory that holds a directory for each policy, with its checkpoint, log, TensorBoard files, curves, weights
-    and their page; policies to start from are looked for here, too."""
+    and their page; policies to start from are looked for here, too; if there is none, the critic of V^h learns from the
+    shipped one."""
     seed: int = 0
     resume: bool = False
     """Go on with what is in --out."""
@@ -99,6 +102,10 @@ def _train(stage: StageConfig, arguments: NavigationArguments, command: str) -> 
 def _train_safety(config: SafetyConfig, arguments: NavigationArguments | SafetyArguments, command: str) -> None:
     _check_seed(arguments.seed)
     policy = arguments.out / config.policy / f"{config.policy}.safetensors"
+    shipped = WEIGHTS_FOLDER / policy.name
+    if shipped.is_file() and not policy.is_file():
+        print(f"{SAFETY}: no {policy}, so the shipped {config.policy} drives", file=sys.stderr)
+        policy = shipped
     threads = min(arguments.workers, os.cpu_count() or 1)  # collectors on other machines do not help here
     training = SafetyTraining(
         config, arguments.seed, policy, arguments.out / SAFETY, threads, command, resume=arguments.resume

@@ -18,7 +18,7 @@ from train.navigation.weights import actor_of
 from vuca_nav.errors import BadArgument, BadWeights
 from vuca_nav.policy.observation import ObservationConfig, goal_features
 from vuca_nav.policy.safety import load_safety
-from vuca_nav.policy.weights_file import load_weights
+from vuca_nav.policy.weights_file import WEIGHTS_FOLDER, load_weights
 
 TRACKED = ObservationConfig(kind="tracked")
 STRAIGHT_ON = np.array([1.0, 0.0, 0.0], np.float32)
@@ -177,13 +177,28 @@ def test_the_command(policy, tmp_path, capsys):
     assert load_safety(tmp_path / "safety" / "safety.safetensors").metadata["seed"] == "0"
     with pytest.raises(BadArgument, match="seed must be 0 or more"):
         train_navigation("safety", [*arguments, "--seed", "-1", "--out", str(tmp_path / "b")])
-    with pytest.raises(BadWeights, match="no policy weights at"):
-        train_navigation("safety", [*arguments, "--out", str(tmp_path / "none")])
+    with pytest.raises(BadWeights, match=r"no policy weights at .*none/mine/mine.safetensors"):
+        train_navigation("safety", [*arguments, "--out", str(tmp_path / "none"), "--policy", "mine"])
     with pytest.raises(BadArgument, match="--workers must be 1 or more"):
         train_navigation("safety", [*arguments, "--workers", "0"])
     for changes in ({"rounds": 0}, {"sent_elsewhere": (5, 5)}, {"time": 0.0}):
         with pytest.raises(BadArgument):
             replace(TINY, **changes)
+
+
+def test_who_drives_is_ones_own_policy_or_the_shipped_one(policy, tmp_path, monkeypatch, capsys):
+    drove = []
+
+    class Noted(SafetyTraining):
+        def run(self):
+            drove.append(self.policy.path)
+
+    monkeypatch.setattr("train.navigation.commands.SafetyTraining", Noted)
+    assert train_navigation("safety", ["--out", str(tmp_path)]) == 0
+    assert "shipped" not in capsys.readouterr().err
+    assert train_navigation("safety", ["--out", str(tmp_path / "other")]) == 0
+    assert f"no {tmp_path}/other/fusion_plus/fusion_plus.safetensors, so the shipped" in capsys.readouterr().err
+    assert drove == [policy, WEIGHTS_FOLDER / "fusion_plus.safetensors"]
 
 
 def test_what_is_learnt_on_one_side_holds_on_the_other(policy, tmp_path):
