@@ -139,9 +139,14 @@ ALL: dict[str, Method] = {
 }
 """All there are to be; one whose weights are not shipped runs with a weights file of one's own only."""
 
-METHODS: dict[str, Method] = {
-    name: method for name, method in ALL.items() if method.learned is None or method.learned.is_shipped
-}
+
+def runnable() -> dict[str, Method]:
+    """Those of ``ALL`` whose weights are there."""
+    return {name: method for name, method in ALL.items() if method.learned is None or method.learned.is_shipped}
+
+
+METHODS = runnable()
+"""Those that run without a weights file of one's own."""
 BEST = "ours"
 """What runs when no method is named."""
 

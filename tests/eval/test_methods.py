@@ -14,7 +14,17 @@ from eval.arguments import HeatmapArguments, RunArguments
 from eval.commands import eval_, heatmap
 from eval.episode import Episode, EpisodeConfig
 from eval.heatmap import check_writable, colours_of, view_at
-from eval.methods import ALL, EXPLORATION_RATE, GAMMA, METHODS, Learned, StackRequest, find_method, identity_of
+from eval.methods import (
+    ALL,
+    EXPLORATION_RATE,
+    GAMMA,
+    METHODS,
+    Learned,
+    StackRequest,
+    find_method,
+    identity_of,
+    runnable,
+)
 from eval.suites import SUITES, episodes_of
 from tests.vuca_nav.random_policy import random_policy
 from tests.vuca_nav.random_safety import random_safety
@@ -43,9 +53,15 @@ def build(name: str, **options):
     return find_method(name, **options).build(request)
 
 
-def test_only_methods_that_can_run_are_listed():
-    for name, method in ALL.items():
-        assert (name in METHODS) == (method.learned is None or method.learned.is_shipped)
+def test_only_methods_that_can_run_are_listed(tmp_path, monkeypatch):
+    assert list(METHODS) == list(ALL)  # all weights are shipped
+    monkeypatch.setattr(methods, "WEIGHTS_FOLDER", tmp_path)
+    monkeypatch.setattr(methods, "SHIPPED", tmp_path / "safety.safetensors")
+    assert list(runnable()) == ["dwa-dh"]
+    (tmp_path / "fusion_plus.safetensors").touch()
+    assert set(runnable()) == {"dwa-dh", "ours-dh", "fusion+", "fusion+-uniform"}
+    (tmp_path / "safety.safetensors").touch()
+    assert set(runnable()) == {"dwa-dh", "ours-dh", "fusion+", "fusion+-uniform", "ours"}
 
 
 def test_what_the_methods_differ_in(weights):
