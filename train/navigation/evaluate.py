@@ -55,6 +55,8 @@ class EvaluateArguments:
     threads: int = 1
 
 
+AS_IT_IS = "as it is"
+"""The variant of a policy with its own gate and no shield, and of the dynamic window."""
 STACK_RATE = 30
 """Of decisions on a robot [Hz]."""
 
@@ -167,8 +169,8 @@ def evaluate(arguments: EvaluateArguments) -> dict:
     """Play everything.
 
     Returns:
-        ``{policy: {variant: {kind: row}}}``; rows have paired differences with the first policy's same kind, and a
-        variant's with its own policy's trained gate.
+        ``{policy: {variant: {kind: row}}}``, of which ``AS_IT_IS`` is one; its rows have paired differences with the
+        first policy's same kind (``against_first``), other variants' with their own policy's (``against_as_it_is``).
 
     Raises:
         BadArgument: If there is nothing to be compared, or two policies have the same name.
@@ -193,18 +195,18 @@ def evaluate(arguments: EvaluateArguments) -> dict:
                 first = learned
             else:
                 row["against_first"] = paired_difference(first.records.success, learned.records.success)
-            results[name].setdefault("learned", {})[kind] = row
+            results[name].setdefault(AS_IT_IS, {})[kind] = row
             if arguments.shield:
                 other = play(actor, _episodes(source, kind, arguments), None, f"{kind}: {name} shielded", shielded=True)
                 row = summary(*other)
-                row["against_learned"] = paired_difference(learned.records.success, other.records.success)
+                row["against_as_it_is"] = paired_difference(learned.records.success, other.records.success)
                 results[name].setdefault("shielded", {})[kind] = row
             if not arguments.knock_outs or source.experts == 1:
                 continue
             for variant, overrule in knock_outs(source.experts, learned.gate.mean).items():
                 other = play(actor, _episodes(source, kind, arguments), overrule, f"{kind}: {name} {variant}")
                 row = summary(*other)
-                row["against_learned"] = paired_difference(learned.records.success, other.records.success)
+                row["against_as_it_is"] = paired_difference(learned.records.success, other.records.success)
                 results[name].setdefault(variant, {})[kind] = row
         if arguments.dynamic_window:
             records = play_dynamic_window(
@@ -213,7 +215,7 @@ def evaluate(arguments: EvaluateArguments) -> dict:
             row = summary(records)
             if first is not None:
                 row["against_first"] = paired_difference(first.records.success, records.success)
-            results.setdefault("dynamic window", {}).setdefault("learned", {})[kind] = row
+            results.setdefault("dynamic window", {}).setdefault(AS_IT_IS, {})[kind] = row
     return results
 
 
@@ -246,7 +248,7 @@ def markdown(results: dict, arguments: EvaluateArguments) -> str:
             for variant, kinds in variants.items():
                 row = kinds[kind]
                 low, high = row["success_interval"]
-                against = row.get("against_learned") or row.get("against_first")
+                against = row.get("against_as_it_is") or row.get("against_first")
                 difference = (
                     "" if against is None else "{:+.1f} ({:+.1f} to {:+.1f})".format(*(100 * x for x in against))
                 )
@@ -255,7 +257,7 @@ def markdown(results: dict, arguments: EvaluateArguments) -> str:
                 entropy = "" if gate is None else f"{gate['entropy']:.2f}, {gate['information']:.3f}"
                 time = "" if row["time_of_successes"] is None else f"{row['time_of_successes']:.1f}"
                 lines.append(
-                    f"| {name if variant == 'learned' else f'{name}, {variant}'} "
+                    f"| {name if variant == AS_IT_IS else f'{name}, {variant}'} "
                     f"| {100 * row['success']:.1f} ({100 * low:.1f}-{100 * high:.1f}) | {100 * row['collision']:.1f} "
                     f"| {100 * row['timeout']:.1f} | {time} | {row['arsps']:.3f} | {1000 * row['ansps']:.3f} "
                     f"| {shares} | {entropy} | {difference} |"

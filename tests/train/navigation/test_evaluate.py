@@ -6,9 +6,10 @@ import pytest
 import torch
 
 from train.arena.config import ArenaConfig, Imperfections
-from train.arena.evaluation import Evaluation
+from train.arena.evaluation import EpisodeRecords, Evaluation
 from train.arena.shielding import action_from_command
-from train.navigation.evaluate import EvaluateArguments, evaluate, knock_outs, main, play
+from train.navigation import evaluate as module
+from train.navigation.evaluate import EvaluateArguments, GateUse, Played, evaluate, knock_outs, main, markdown, play
 from train.navigation.networks import FusedActor, NetworkConfig, make_critic
 from train.navigation.weights import actor_of, export
 from vuca_nav.errors import BadArgument, BadWeights
@@ -65,11 +66,33 @@ def test_the_table_of_two_policies(tmp_path, capsys):
     arguments = EvaluateArguments((one, three), tmp_path / "out", 20, kinds=("static",), knock_outs=True)
     main(arguments)
     results = json.loads((tmp_path / "out" / "evaluation.json").read_text())
-    assert set(results["one"]) == {"learned"}
-    assert set(results["three"]) == {"learned", "gate's average", "uniform", "without 0", "without 1", "without 2"}
-    row = results["three"]["learned"]["static"]
+    assert set(results["one"]) == {"as it is"}
+    assert set(results["three"]) == {"as it is", "gate's average", "uniform", "without 0", "without 1", "without 2"}
+    row = results["three"]["as it is"]["static"]
     assert row["success"] + row["collision"] + row["timeout"] == pytest.approx(1.0)
     assert "| three, without 1 |" in capsys.readouterr().out
+
+
+def test_rows_are_filed_under_what_is_true_of_a_policy_and_of_the_window(tmp_path, monkeypatch):
+    arrived, hit = np.eye(4, dtype=bool)[:2]
+    some, none = np.ones(4), np.zeros(4, np.int64)
+    records = EpisodeRecords(arrived, hit, ~(arrived | hit), some, some, some, some, some, some, none, none)
+    for name in ("_episodes", "_arena"):
+        monkeypatch.setattr(module, name, lambda *_: None)
+    monkeypatch.setattr(module, "play_dynamic_window", lambda *_: records)
+    monkeypatch.setattr(module, "play", lambda *_, **__: Played(records, GateUse([1.0], 0.0, 0.0)))
+    arguments = EvaluateArguments(
+        (write(tmp_path / "b.safetensors", 1),), episodes=4, kinds=("static",), shield=True, dynamic_window=True
+    )
+    results = evaluate(arguments)
+    assert {name: set(variants) for name, variants in results.items()} == {
+        "b": {"as it is", "shielded"},
+        "dynamic window": {"as it is"},
+    }
+    assert results["b"]["shielded"]["static"]["against_as_it_is"][0] == 0.0
+    assert results["dynamic window"]["as it is"]["static"]["against_first"][0] == 0.0
+    names = [line.split(" | ")[0] for line in markdown(results, arguments).splitlines() if line.startswith("| ")]
+    assert names == ["| policy", "| b", "| b, shielded", "| dynamic window"]
 
 
 def test_what_cannot_be_evaluated(tmp_path):
