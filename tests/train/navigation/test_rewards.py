@@ -9,7 +9,7 @@ from vuca_nav.errors import UnknownName
 def terms_of(column, *, progress=0.0, clearance=6.0, turn_rate=0.0, collided=False, reached=False, timed_out=False):
     step = Step(
         np.zeros((1, 1)), np.array([progress]), np.array([clearance]), np.array([turn_rate]), np.array([collided]),
-        np.array([reached]), np.array([timed_out]),
+        np.array([reached]), np.array([timed_out]), np.zeros((1, 1)),
     )  # fmt: skip
     out = np.full((len(TERMS), 1), np.nan, np.float32)
     reward_terms(step, REWARDS[column], out)
