@@ -115,6 +115,11 @@ class Arena:
             shard.restart(np.flatnonzero(rows[a:b]))
         return self.outputs.observation
 
+    def end(self, rows: NDArray[np.bool_]) -> None:
+        """Let these rows (n,) stay as they are, if each row runs one episode, as if theirs had ended."""
+        for shard, (a, b) in zip(self.shards, self._bounds):
+            shard.active &= ~rows[a:b]
+
     def _seed(self, seed: int) -> None:
         """Each row's stream depends on the seed and on the row's index alone."""
         for shard, (a, b) in zip(self.shards, self._bounds):

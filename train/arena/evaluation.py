@@ -70,7 +70,18 @@ class Evaluation:
         if config.world_seed == TRAINING_SEED:
             config = replace(config, world_seed=EVALUATION_SEED)
         self.arena = Arena(config, observer_config, episodes, seed, threads, once=True)
-        self.observation = self.arena.reset()
+        self._seed, self._ticks = seed, TICK_RATE / config.decision_rate
+        self.again()
+
+    def again(self, only: NDArray[np.bool_] | None = None) -> None:
+        """The same episodes from their start.
+
+        Args:
+            only: (episodes,) which of them; the others are not played, and their records mean nothing.
+        """
+        self.observation, episodes = self.arena.reset(self._seed), self.arena.n
+        if only is not None:
+            self.arena.end(~only)
         state = self.arena.gather
         self._start_distance = state("distance")
         self._shortest = state("task")[:, 4]
@@ -78,7 +89,6 @@ class Evaluation:
         self._risk, self._decisions = np.zeros(episodes), np.zeros(episodes)
         self._path, self._closest = np.zeros(episodes), self.arena.outputs.clearance.copy()
         self._time = np.zeros(episodes)
-        self._ticks = TICK_RATE / config.decision_rate
 
     @property
     def active(self) -> NDArray[np.bool_]:

@@ -175,6 +175,27 @@ def test_every_policy_meets_the_same_episodes():
     np.testing.assert_array_equal(more.arena.gather("task")[:30], first.arena.gather("task"))
 
 
+@pytest.mark.parametrize("seen", [PAPER, ObservationConfig(kind="tracked")])
+def test_the_same_episodes_again_all_or_some_of_them(seen):
+    evaluation = Evaluation(replace(SMALL, time_factor=0.5, time_slack=3.0).of("dynamic"), seen, 12, 3, threads=2)
+
+    def drive(observation):
+        return np.tanh(observation[:, :3] + 0.5).astype(np.float32)
+
+    first = evaluation.run(drive)
+    evaluation.again()
+    second = evaluation.run(drive)
+    for name in first.__slots__:
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
+    only = np.arange(12) % 3 == 0
+    evaluation.again(only)
+    np.testing.assert_array_equal(evaluation.active, only)
+    some = evaluation.run(drive)
+    for name in ("time", "collision", "path_length", "arsps"):
+        np.testing.assert_array_equal(getattr(some, name)[only], getattr(first, name)[only])
+    assert (some.time[~only] == 0.0).all()
+
+
 def test_an_empty_scan_is_observed():
     always = replace(SMALL, imperfections=Imperfections(empty_scan=1.0))
     for kind in ("paper", "tracked"):
