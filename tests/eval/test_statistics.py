@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eval.statistics import mean, paired_difference, wilson_interval
+from eval.statistics import mean, paired_difference, resampled_totals, wilson_interval
 
 
 @pytest.mark.parametrize(
@@ -111,3 +111,19 @@ def test_the_interval_over_clusters_holds_what_is_true():
             holds[name] += low <= 0.0 <= high
     assert holds["clusters"] / trials == pytest.approx(0.95, abs=0.025)
     assert holds["pairs"] / trials < 0.8
+
+
+def test_resampled_totals():
+    """Of draws of n episodes: the mean is the total, the spread sqrt(n) times the episodes'; strata stay."""
+    sums = np.stack([np.arange(50.0), np.ones(50)], 1)
+    totals = resampled_totals(sums, np.zeros(50, int), 4000, np.random.default_rng(0))
+    assert totals.shape == (4000, 2)
+    assert (totals[:, 1] == 50.0).all()
+    assert totals[:, 0].mean() == pytest.approx(1225.0, rel=0.01)
+    assert totals[:, 0].std() == pytest.approx(math.sqrt(50) * np.arange(50.0).std(), rel=0.05)
+    by_stratum = resampled_totals(
+        np.repeat([[1.0], [3.0]], 25, 0), np.repeat([0, 1], 25), 100, np.random.default_rng(0)
+    )
+    assert (by_stratum == 100.0).all()
+    again = resampled_totals(sums, np.zeros(50, int), 4000, np.random.default_rng(0))
+    np.testing.assert_array_equal(totals, again)
