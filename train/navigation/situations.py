@@ -1,0 +1,249 @@
+"""Which situation a robot of the arena is in, by the truth: for analyses, no robot knows it.
+
+One label a decision. Where several fit, the first of sudden mover, known mover, dead end, tight passage is taken: what
+leaves the least time comes first, and then what leaves the fewest ways.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from eval.metrics import RISK_RANGE
+from train.arena.arena import Arena
+from vuca_nav.policy.observation import outline_ranges
+from vuca_nav.types import FloatArray, LidarSpec
+from worlds.level_scan import cast_level
+from worlds.mover_columns import RADIUS, V_X, V_Y, X, Y
+
+SITUATIONS = ("open floor", "tight passage", "sudden mover", "dead end", "known mover", "other")
+OPEN_FLOOR, TIGHT_PASSAGE, SUDDEN_MOVER, DEAD_END, KNOWN_MOVER, OTHER = range(6)
+"""Indices into ``SITUATIONS``."""
+NEAR = 1.5
+"""What is within so much beyond the footprint is near [m]: TIAGo and Go2 stop within a third of it at full speed, and
+with room for a turn on top nothing beyond it asks for anything but going on."""
+ROOM = 2.0 * RISK_RANGE
+"""Left and right of the body together, in a tight passage at most [m]: in its middle less than the 0.6 m on either
+side at which R_o and ARSPS begin to count."""
+BESIDE = math.radians(30.0)
+"""What is within so much of straight left is to the left [rad]; so to the right. A body that is turned further from
+its passage is turning, not passing."""
+POCKET = 3.0
+"""In a dead end no way ahead is so long [m]. The factory's blind alleys are 1.8 to 2.9 m wide and at least 5 m deep:
+in about their last 3 m the walls block what is not behind, and the way back is longer."""
+WAYS = 72
+"""Directions in which a way is looked for, 5 degrees apart: a door of 1 m, 3 m off, is open to TIAGo over 8."""
+MEETING = 2.0
+"""A mover that would be met within so long as both go on is a threat [s]: full speed to a stop takes TIAGo 1 s, and
+so does getting out of the way from there."""
+NEWS = 1.0
+"""A threat is sudden for so long [s]; one that has come to nothing for so long begins anew if it comes back. The
+tracks that a policy sees take three to five scans, 0.3 to 0.5 s, to find a velocity: as long again is left to act."""
+PRECEDENCE = (SUDDEN_MOVER, KNOWN_MOVER, DEAD_END, TIGHT_PASSAGE, OPEN_FLOOR, OTHER)
+DEFINITIONS = {
+    "open floor": f"nothing, standing or moving, within {NEAR} m of the footprint, and nobody who would be met within "
+    f"{MEETING:.0f} s",
+    "tight passage": f"what stands leaves less than {ROOM:.1f} m of room to the left and the right of the body "
+    f"together, each within {math.degrees(BESIDE):.0f} degrees of straight aside",
+    "sudden mover": f"a mover in sight would be met within {MEETING:.0f} s as both go straight on, and that for less "
+    f"than {NEWS:.0f} s (at an episode's start all is new)",
+    "dead end": f"turned to any direction within 90 degrees of ahead, the body could not go {POCKET:.0f} m straight on "
+    "for what stands there; in some direction behind it could",
+    "known mover": f"as a sudden mover, but for {NEWS:.0f} s or longer",
+    "other": f"none of these: something, standing or moving, is within {NEAR} m",
+}
+"""In words; where several fit, it is the first by PRECEDENCE."""
+
+
+@njit(cache=True, nogil=True)
+def time_to_meeting(x, y, v_x, v_y, reach):
+    """When a point at (x, y) that moves at (v_x, v_y) comes within ``reach`` of the origin, ``inf`` if never [s]."""
+    gap, approach = x * x + y * y - reach * reach, x * v_x + y * v_y
+    if approach >= 0.0:  # never nearer than now
+        return math.inf
+    if gap <= 0.0:
+        return 0.0
+    square = v_x * v_x + v_y * v_y
+    root = approach * approach - square * gap
+    if root <= 0.0:
+        return math.inf
+    return (-approach - math.sqrt(root)) / square
+
+
+@njit(cache=True, nogil=True)
+def follow_threats(
+    rows, period, pose, velocity, radius, counts, movers, constants, standing, outline, age, calm, sudden, threatened,
+    gap,
+):  # fmt: skip
+    """Which robots are threatened by a mover, and which by one that was no threat a while ago.
+
+    Args:
+        rows: Which, (k,).
+        period: Since the last call [s].
+        pose: x, y, yaw in the world, (n, 3).
+        velocity: In base_link, (n, 3).
+        radius: Mean of the footprint, as the policy's tracks take it, (n,) [m].
+        counts: Movers of each, (n,).
+        movers: (n, m, STATE_SIZE).
+        constants: (n, m, 5).
+        standing: Ranges to what stands, (n, num_beams); the first beam at -pi, evenly spaced [m].
+        outline: Of the footprint along each beam, (n, num_beams) [m].
+        age: State: how long each mover has been a threat, (n, m) [s].
+        calm: State: how long ago it last was one, (n, m) [s]; ``inf`` at first.
+        sudden: Output, (n,).
+        threatened: Output, (n,).
+        gap: Output: from the footprint to the nearest mover's circle, 0 inside, ``inf`` if there is none, (n,) [m].
+    """
+    num_beams = standing.shape[1]
+    for r in range(len(rows)):
+        i = rows[r]
+        cos, sin = math.cos(pose[i, 2]), math.sin(pose[i, 2])
+        own_x = cos * velocity[i, 0] - sin * velocity[i, 1]
+        own_y = sin * velocity[i, 0] + cos * velocity[i, 1]
+        sudden[i], threatened[i], gap[i] = False, False, math.inf
+        for m in range(counts[i]):
+            x, y = movers[i, m, X] - pose[i, 0], movers[i, m, Y] - pose[i, 1]
+            size, away = constants[i, m, RADIUS], math.hypot(x, y)
+            bearing = math.atan2(cos * y - sin * x, cos * x + sin * y)
+            beam = int(round((bearing + math.pi) / (2.0 * math.pi) * num_beams)) % num_beams
+            gap[i] = min(gap[i], max(away - size - outline[i, beam], 0.0))
+            in_sight = standing[i, beam] >= away - size
+            reach = radius[i] + size
+            meets = time_to_meeting(x, y, movers[i, m, V_X] - own_x, movers[i, m, V_Y] - own_y, reach) < MEETING
+            calm[i, m] += period
+            age[i, m] += period
+            if in_sight and meets:
+                if calm[i, m] > NEWS + 1e-9:
+                    age[i, m] = 0.0
+                calm[i, m] = 0.0
+                threatened[i] = True
+                sudden[i] |= age[i, m] < NEWS - 1e-9
+
+
+@njit(cache=True, nogil=True)
+def label_situations(rows, beams, standing, outline, half_width, front, sudden, threatened, gap, label):
+    """The situation of each of these rows.
+
+    Args:
+        rows: Which, (k,).
+        beams: cos, sin in base_link, (2, num_beams); the first at -pi, evenly spaced.
+        standing: Ranges to what stands, ``inf`` where nothing does, (n, num_beams) [m].
+        outline: Of the footprint along each beam, (n, num_beams) [m].
+        half_width: Of the footprint to the side, (n,) [m].
+        front: From base_link to the footprint's foremost point, (n,) [m].
+        sudden: (n,).
+        threatened: (n,).
+        gap: To the nearest mover, (n,) [m].
+        label: Output, indices into ``SITUATIONS``, (n,).
+    """
+    num_beams = beams.shape[1]
+    side = math.sin(math.pi / 2.0 - BESIDE) - 1e-9
+    for r in range(len(rows)):
+        i = rows[r]
+        nearest, left, right = math.inf, math.inf, math.inf
+        for k in range(num_beams):
+            room = max(standing[i, k] - outline[i, k], 0.0)
+            nearest = min(nearest, room)
+            if beams[1, k] >= side:
+                left = min(left, room)
+            elif beams[1, k] <= -side:
+                right = min(right, room)
+        if sudden[i]:
+            label[i] = SUDDEN_MOVER
+        elif threatened[i]:
+            label[i] = KNOWN_MOVER
+        elif nearest < POCKET and _is_dead_end(standing[i], beams, half_width[i], front[i]):
+            label[i] = DEAD_END
+        elif left + right < ROOM:
+            label[i] = TIGHT_PASSAGE
+        elif min(nearest, gap[i]) >= NEAR:
+            label[i] = OPEN_FLOOR
+        else:
+            label[i] = OTHER
+
+
+@njit(cache=True, nogil=True)
+def _is_dead_end(standing, beams, half_width, front):
+    quarter = WAYS // 4
+    for k in range(quarter + 1):  # ahead first, as most ways lead on
+        for direction in (k, -k):
+            if not _is_blocked(standing, beams, half_width, front, direction):
+                return False
+    for direction in range(quarter + 1, WAYS - quarter):
+        if not _is_blocked(standing, beams, half_width, front, direction):
+            return True
+    return False  # boxed in
+
+
+@njit(cache=True, nogil=True)
+def _is_blocked(standing, beams, half_width, front, direction):
+    """Whether the body, turned that way, has less than POCKET straight on, by the beams: 0.1 m apart at that range."""
+    angle = 2.0 * math.pi * direction / WAYS
+    cos, sin = math.cos(angle), math.sin(angle)
+    for k in range(len(standing)):
+        if standing[k] < math.inf:
+            along = standing[k] * (cos * beams[0, k] + sin * beams[1, k])
+            aside = standing[k] * (cos * beams[1, k] - sin * beams[0, k])
+            if 0.0 < along < front + POCKET and abs(aside) < half_width:
+                return True
+    return False
+
+
+class ArenaSituations:
+    """The situations of an arena's rows. Made before the first decision.
+
+    Args:
+        arena: Whose rows run one episode each, on one thread.
+
+    Attributes:
+        label: (n,) indices into ``SITUATIONS``.
+    """
+
+    def __init__(self, arena: Arena):
+        (self._shard,) = arena.shards
+        n, beams = arena.n, arena.config.num_beams
+        self._period = 1.0 / arena.config.decision_rate
+        angles = LidarSpec(num_beams=beams).angles_in_base()
+        self._beams = np.stack([np.cos(angles), np.sin(angles)])
+        self._reach = LidarSpec().max_range
+        bodies, body = arena.bodies, self._shard.rows.body
+        outlines = np.stack([outline_ranges(each.spec.footprint, beams) for each in bodies.bodies])
+        self._outline, self._heights = outlines[body], bodies.shape[body, 1]
+        self._radius = self._outline.mean(axis=1)
+        sizes = [(np.abs(each.spec.footprint[:, 1]).max(), each.spec.footprint[:, 0].max()) for each in bodies.bodies]
+        self._half_width, self._front = np.ascontiguousarray(np.array(sizes)[body].T)
+        self._standing = np.zeros((n, beams))
+        self._no_parts, self._no_poses = np.zeros(n, np.int64), np.zeros((n, 1, 4))
+        movers = self._shard.rows.movers.shape[1]
+        self._age, self._calm = np.zeros((n, movers)), np.full((n, movers), math.inf)
+        self._sudden, self._threatened = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+        self._gap = np.zeros(n)
+        self.label = np.full(n, OTHER)
+
+    def look(self, rows: NDArray[np.int64]) -> None:
+        """Label these rows as they are now; once before each decision."""
+        state, bank = self._shard.rows, self._shard.bank
+        cast_level(
+            rows, state.pose, self._heights, bank.static, state.layout, bank.first, state.parts, self._no_poses,
+            self._no_parts, self._beams, self._reach, self._standing,
+        )  # fmt: skip
+        follow_threats(
+            rows, self._period, state.pose, state.velocity, self._radius, state.counts, state.movers, state.constants,
+            self._standing, self._outline, self._age, self._calm, self._sudden, self._threatened, self._gap,
+        )  # fmt: skip
+        label_situations(
+            rows, self._beams, self._standing, self._outline, self._half_width, self._front, self._sudden,
+            self._threatened, self._gap, self.label,
+        )  # fmt: skip
+
+    def movers_in_base(self, row: int) -> FloatArray:
+        """The movers of a row: x, y, v_x, v_y, radius, in base_link's present frame over the ground, (m, 5)."""
+        state = self._shard.rows
+        count, (x, y, yaw) = state.counts[row], state.pose[row]
+        base_from_world = np.array([(math.cos(yaw), math.sin(yaw)), (-math.sin(yaw), math.cos(yaw))])
+        movers = state.movers[row, :count]
+        places = (movers[:, [X, Y]] - (x, y)) @ base_from_world.T
+        return np.column_stack(
+            [places, movers[:, [V_X, V_Y]] @ base_from_world.T, state.constants[row, :count, RADIUS]]
+        )
