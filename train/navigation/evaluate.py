@@ -189,7 +189,7 @@ def evaluate(arguments: EvaluateArguments) -> dict:
         first: Played | None = None
         for name, source in weights.items():
             actor = actor_of(source)
-            learned = play(actor, _episodes(source, kind, arguments), None, f"{kind}: {name}")
+            learned = play(actor, episodes_of(source, kind, arguments), None, f"{kind}: {name}")
             row = summary(*learned)
             if first is None:
                 first = learned
@@ -197,14 +197,16 @@ def evaluate(arguments: EvaluateArguments) -> dict:
                 row["against_first"] = paired_difference(first.records.success, learned.records.success)
             results[name].setdefault(AS_IT_IS, {})[kind] = row
             if arguments.shield:
-                other = play(actor, _episodes(source, kind, arguments), None, f"{kind}: {name} shielded", shielded=True)
+                other = play(
+                    actor, episodes_of(source, kind, arguments), None, f"{kind}: {name} shielded", shielded=True
+                )
                 row = summary(*other)
                 row["against_as_it_is"] = paired_difference(learned.records.success, other.records.success)
                 results[name].setdefault("shielded", {})[kind] = row
             if not arguments.knock_outs or source.experts == 1:
                 continue
             for variant, overrule in knock_outs(source.experts, learned.gate.mean).items():
-                other = play(actor, _episodes(source, kind, arguments), overrule, f"{kind}: {name} {variant}")
+                other = play(actor, episodes_of(source, kind, arguments), overrule, f"{kind}: {name} {variant}")
                 row = summary(*other)
                 row["against_as_it_is"] = paired_difference(learned.records.success, other.records.success)
                 results[name].setdefault(variant, {})[kind] = row
@@ -219,7 +221,12 @@ def evaluate(arguments: EvaluateArguments) -> dict:
     return results
 
 
-def _episodes(source: PolicyWeights, kind: str, arguments: EvaluateArguments) -> Evaluation:
+def episodes_of(source: PolicyWeights, kind: str, arguments: EvaluateArguments) -> Evaluation:
+    """The unseen episodes of one kind of world, as the policy sees them.
+
+    Raises:
+        BadArgument: If the weights name no rate to decide at, and the arguments do not either.
+    """
     try:
         rate = arguments.decision_rate or round(float(source.metadata["decision_rate"]))
     except (KeyError, ValueError) as error:
