@@ -24,7 +24,6 @@ from robots.locomotion.odometry import LegSensors
 from robots.noise import NoiseConfig
 from tests.robots.gaits import untaught
 from train.locomotion.batch import Batch, SensorNoise
-from train.locomotion.curves import read_log
 from train.locomotion.environment import EnvironmentConfig, LocomotionEnvironment
 from train.locomotion.evaluate import CONTROL, Track, prepare_out, tracking_errors
 from train.locomotion.floors import Floor
@@ -226,12 +225,6 @@ def test_results_that_cannot_be_written_are_refused_at_the_start(tmp_path):
     with pytest.raises(BadArgument, match="cannot be written"):
         prepare_out(tmp_path / "file" / "results.json")
     prepare_out(tmp_path / "new" / "results.json")
-
-
-def test_a_torn_last_line_of_the_log_is_left_out(tmp_path):
-    log = tmp_path / "log.jsonl"
-    log.write_text('{"iteration": 1}\n{"iteration": 2}\n{"itera')
-    assert [row["iteration"] for row in read_log(log)] == [1, 2]
 
 
 def test_a_higher_leg_is_shortened_until_the_trunk_is_level():

@@ -1,9 +1,10 @@
 """Learning curves as a picture."""
 
-import json
 from pathlib import Path
 
 import numpy as np
+
+from train.run_directory import read_log
 
 _PANELS = (
     ("reward a second", ("reward/total",)),
@@ -11,16 +12,6 @@ _PANELS = (
     ("slow tracking error [m/s, rad/s]", ("slow_error/v_x", "slow_error/v_y", "slow_error/w_z")),
     ("control steps a second", ("speed/total", "speed/collect")),
 )
-
-
-def read_log(log: Path) -> list[dict[str, float]]:
-    """A run's log; a last line that was torn off is left out."""
-    lines = log.read_text().splitlines()
-    rows = [json.loads(line) for line in lines[:-1]]
-    try:
-        return [*rows, *(json.loads(line) for line in lines[-1:])]
-    except json.JSONDecodeError:
-        return rows
 
 
 def draw_curves(log: Path, picture: Path) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from safetensors.numpy import save_file
+from safetensors.numpy import save
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 from torchrl.modules import ProbabilisticActor, ValueOperator
@@ -15,6 +15,7 @@ from robots.locomotion.kernels import ACTION_SIZE, OBSERVATION_SIZE
 from robots.locomotion.network import CLIP, FORMAT, gait_contract
 from train.locomotion.kernels import CRITIC_SIZE
 from train.ppo_common import DiagonalNormal
+from vuca_nav.files import write_whole
 
 _SWAPPED_LEGS = [3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8]
 _LEG_SIGNS = [-1.0, 1.0, 1.0] * 4
@@ -121,7 +122,5 @@ def export(
     arrays = {key: np.ascontiguousarray(t.detach().numpy(), np.float32) for key, t in tensors.items()}
     metadata = {"format": FORMAT, "robot": robot.spec.name, "gait": gait_contract(robot), **notes}
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_suffix(".tmp")
-    save_file(arrays, temporary, metadata)
-    temporary.replace(path)
-    path.with_suffix(".json").write_text(json.dumps(metadata, indent=2) + "\n")
+    write_whole(path, save(arrays, metadata))
+    write_whole(path.with_suffix(".json"), json.dumps(metadata, indent=2) + "\n")

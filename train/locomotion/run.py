@@ -16,14 +16,14 @@ from tqdm import tqdm
 
 from robots.locomotion.config import QuadrupedConfig
 from robots.locomotion.network import gait_contract
-from train.locomotion.curves import draw_curves, read_log
+from train.locomotion.curves import draw_curves
 from train.locomotion.environment import EnvironmentConfig, LocomotionEnvironment
 from train.locomotion.policy import export
 from train.locomotion.ppo import Learner, PpoConfig
+from train.run_directory import CHECKPOINT, CONFIG, LOG, read_log, save_checkpoint, write_log
 from vuca_nav.errors import BadArgument
+from vuca_nav.files import prepare_directory, write_whole
 
-CHECKPOINT = "checkpoint.pt"
-LOG = "log.jsonl"
 _SAVE_EVERY = 25
 """Iterations between checkpoints: half a minute."""
 _NEW_FLOORS = 0.02
@@ -114,7 +114,7 @@ class Training:
         else:
             (out / LOG).unlink(missing_ok=True)  # of a run that came to no checkpoint
         self._now = self._state()
-        (out / "config.json").write_text(json.dumps(asdict(config), indent=2) + "\n")
+        write_whole(out / CONFIG, json.dumps(asdict(config), indent=2) + "\n")
 
     def _load(self, checkpoint: Path) -> None:
         try:
@@ -135,10 +135,7 @@ class Training:
             raise BadArgument(f"{checkpoint} does not fit the networks of this run: {error}") from error
         log = self.out / LOG
         if log.exists():  # what came after the checkpoint is lost, and will come again
-            rows = [row for row in read_log(log) if row["iteration"] <= self.learner.iteration]
-            temporary = log.with_suffix(".tmp")
-            temporary.write_text("".join(json.dumps(row) + "\n" for row in rows))
-            temporary.replace(log)
+            write_log(log, [row for row in read_log(log) if row["iteration"] <= self.learner.iteration])
 
     def _contract(self) -> dict[str, str | int]:
         """What a run must have in common with the one it goes on with: everything its weights depend on."""
@@ -192,7 +189,7 @@ class Training:
                     self.save()
 
     def save(self) -> None:
-        """Checkpoint and weights of the last whole iteration, each written aside and then moved."""
+        """Checkpoint and weights of the last whole iteration."""
         self._save_checkpoint()
         notes = {
             "seed": str(self.config.seed), "minutes": f"{self.elapsed / 60.0:.1f}",
@@ -202,9 +199,7 @@ class Training:
         export(self.out / self.robot.weights, self.robot, self.learner.averaged, self.learner.see, notes)
 
     def _save_checkpoint(self) -> None:
-        temporary = self.out / f"{CHECKPOINT}.tmp"
-        torch.save(self._now, temporary)
-        temporary.replace(self.out / CHECKPOINT)
+        save_checkpoint(self.out, self._now)
 
     def _iterations(self) -> Iterator[dict[str, float]]:
         config, learner = self.config, self.learner
@@ -242,20 +237,3 @@ class Training:
     def _environment(self, stage: Stage) -> LocomotionEnvironment:
         config = replace(self.config.environment, physics=stage.physics, num_sills=stage.num_sills)
         return LocomotionEnvironment(self.robot, config, self._rng, self._threads)
-
-
-def prepare_directory(path: Path) -> None:
-    """Make a run's directory, before an hour is spent on it.
-
-    Raises:
-        BadArgument: If it is no directory, or no file can be written there.
-    """
-    if path.exists() and not path.is_dir():
-        raise BadArgument(f"--out {path} is a file, expected a directory")
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-        probe = path / ".probe"
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise BadArgument(f"--out {path} cannot be written to: {error}") from error

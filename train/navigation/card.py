@@ -9,6 +9,7 @@ import torch
 
 from train.navigation.rewards import TERMS, find_rewards
 from train.navigation.stages import StageConfig
+from vuca_nav.files import write_whole
 
 if TYPE_CHECKING:
     from train.navigation.run import RunConfig
@@ -62,9 +63,7 @@ def write_card(
         "![learning curves](curves.png)",
         "",
     ]
-    temporary = path.with_suffix(".tmp")
-    temporary.write_text("\n".join(lines))
-    temporary.replace(path)
+    write_whole(path, "\n".join(lines))
 
 
 def _most(experts: int) -> float:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from train.locomotion.curves import read_log
+from train.run_directory import read_log
 
 _PANELS = (
     ("share of episodes", ("episodes/reached", "episodes/collided", "episodes/timed_out")),

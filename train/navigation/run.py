@@ -17,7 +17,6 @@ from torch.multiprocessing.spawn import start_processes
 from torch.utils.tensorboard import SummaryWriter
 from tqdm import tqdm
 
-from train.locomotion.curves import read_log
 from train.navigation.card import write_card
 from train.navigation.curves import draw_curves
 from train.navigation.environment import Environment, MakeEnvironment
@@ -26,10 +25,9 @@ from train.navigation.rewards import find_rewards
 from train.navigation.stages import StageConfig
 from train.navigation.team import Alone, Team
 from train.navigation.weights import export, find_sources, start_from
+from train.run_directory import CHECKPOINT, LOG, load_checkpoint, open_run, read_log, save_checkpoint, write_log
 from vuca_nav.errors import BadArgument
 
-CHECKPOINT = "checkpoint.pt"
-LOG = "log.jsonl"
 Collector = Literal["local", "ray"]
 SAVE_EVERY = 50
 """Iterations between checkpoints; after each, all episodes start anew."""
@@ -154,7 +152,7 @@ class Training:
         write_card(page, self.stage, self.run_config, steps, elapsed, read_log(log))
 
     def save(self, learner: BaseLearner, steps: int, elapsed: float) -> None:
-        """Weights and checkpoint, each written aside and then moved; the checkpoint last, as it says what is there."""
+        """Weights and checkpoint, the checkpoint last, as it says what is there."""
         stage, run = self.stage, self.run_config
         notes = {
             "command": run.command, "seed": str(run.seed), "workers": str(run.workers), "steps": str(steps),
@@ -165,9 +163,7 @@ class Training:
         export(
             self.weights, stage.name, learner.actor, learner.critic, stage.network, stage.observation, rate, notes
         )  # fmt: skip
-        temporary = self.out / f"{CHECKPOINT}.tmp"
-        torch.save({"learner": learner.state(), "steps": steps, "elapsed": elapsed}, temporary)
-        temporary.replace(self.out / CHECKPOINT)
+        save_checkpoint(self.out, {"learner": learner.state(), "steps": steps, "elapsed": elapsed})
 
 
 class _Reporter:
@@ -176,10 +172,7 @@ class _Reporter:
     def __init__(self, training: Training, learner: BaseLearner, steps: int):
         log = training.out / LOG
         if log.exists():  # what came after the checkpoint is lost, and will come again
-            rows = [row for row in read_log(log) if row["iteration"] <= learner.iteration]
-            temporary = log.with_suffix(".tmp")
-            temporary.write_text("".join(json.dumps(row) + "\n" for row in rows))
-            temporary.replace(log)
+            write_log(log, [row for row in read_log(log) if row["iteration"] <= learner.iteration])
         self._learner = learner
         self._log = log.open("a", buffering=1)
         self._writer = SummaryWriter(str(training.out / "tensorboard"), purge_step=steps)
@@ -218,51 +211,6 @@ def _work(rank: int, training: Training, environments: Sequence[Environment], me
         team.close()
 
 
-def open_run(out: Path, contract: dict, *, resume: bool) -> None:
-    """Make a run's directory, or see that the run in it is the same.
-
-    Args:
-        out: The directory.
-        contract: What a run depends on, as JSON holds it; kept in ``config.json``.
-        resume: Go on with what is in ``out``, if anything is.
-
-    Raises:
-        BadArgument: If ``out`` holds a run and it shall not be resumed, or one of another contract, or cannot be
-            written.
-    """
-    if out.exists() and not out.is_dir():
-        raise BadArgument(f"--out {out} is a file, expected a directory")
-    config = out / "config.json"
-    if not (out / CHECKPOINT).exists():
-        try:
-            out.mkdir(parents=True, exist_ok=True)
-            config.write_text(json.dumps(contract, indent=2) + "\n")
-        except OSError as error:
-            raise BadArgument(f"--out {out} cannot be written: {error}") from error
-        return
-    if not resume:
-        raise BadArgument(f"{out} holds a training run; go on with it by --resume, or give another --out")
-    try:
-        differing = _differences(json.loads(config.read_text()), contract)
-    except (OSError, ValueError) as error:
-        raise BadArgument(f"{config} cannot be read: {error}; give another --out") from error
-    if differing:
-        raise BadArgument(f"{out} holds a run that differs in {', '.join(differing)}; give another --out")
-
-
-def load_checkpoint(checkpoint: Path, names: Sequence[str]) -> dict:
-    """What is in a checkpoint by these names.
-
-    Raises:
-        BadArgument: If it cannot be read, or lacks one of them.
-    """
-    try:
-        state = torch.load(checkpoint, weights_only=True)
-        return {key: state[key] for key in names}
-    except Exception as error:  # torch raises whatever the broken bytes lead to
-        raise BadArgument(f"{checkpoint} is not a checkpoint that can be read: {error}") from error
-
-
 def _check(stage: StageConfig, run: RunConfig) -> None:
     find_rewards(stage.rewards)
     if run.workers < 1 or (run.collector == "local" and run.workers > (os.cpu_count() or 1)):
@@ -274,11 +222,3 @@ def _check(stage: StageConfig, run: RunConfig) -> None:
             f"{stage.ppo.worlds} worlds and minibatches of {stage.ppo.minibatch} must be multiples of the "
             f"{run.workers} workers"
         )
-
-
-def _differences(old: object, new: object, at: str = "") -> list[str]:
-    """Paths of what is not the same in two trees of JSON."""
-    if isinstance(old, dict) and isinstance(new, dict):
-        keys = sorted({*old, *new})
-        return [d for key in keys for d in _differences(old.get(key), new.get(key), f"{at}.{key}".strip("."))]
-    return [] if old == new else [at]

@@ -23,12 +23,12 @@ from tqdm import tqdm
 from train.arena.arena import Arena
 from train.arena.config import ArenaConfig
 from train.arena.shard import Shard
-from train.locomotion.curves import read_log
 from train.navigation.mirror import observation_mirror
 from train.navigation.networks import FusedActor, NetworkConfig, make_critic
-from train.navigation.run import CHECKPOINT, LOG, load_checkpoint, open_run
 from train.navigation.weights import actor_of, sorted_header
+from train.run_directory import CHECKPOINT, LOG, load_checkpoint, open_run, read_log, save_checkpoint, write_log
 from vuca_nav.errors import BadArgument
+from vuca_nav.files import write_whole
 from vuca_nav.policy.safety import FORMAT
 from vuca_nav.policy.weights_file import load_weights
 from worlds.mover_columns import RADIUS, X, Y
@@ -222,7 +222,7 @@ class SafetyTraining:
                         writer.add_scalar(key, report[key], done)
                     bar.set_postfix(loss=f"{report['loss']:.4f}", baseline=f"{report['baseline']:.4f}", refresh=False)
                     bar.update()
-                    _write(log, "".join(json.dumps(row) + "\n" for row in rows))
+                    write_log(log, rows)
                     self._save(network, optimiser, done, elapsed)
             arena.close()
         draw_curves(rows, self.out / "curves.png")
@@ -247,7 +247,7 @@ class SafetyTraining:
                 optimiser.step()
 
     def _save(self, network: nn.Module, optimiser: torch.optim.Adam, done: int, elapsed: float) -> None:
-        """Weights and checkpoint, each written aside and then moved; the checkpoint last, as it says what is there."""
+        """Weights and checkpoint, the checkpoint last, as it says what is there."""
         linear = [layer for layer in network.modules() if isinstance(layer, nn.Linear)]
         arrays = {}
         for k, layer in enumerate(linear):
@@ -256,13 +256,9 @@ class SafetyTraining:
             "format": FORMAT, "observation": json.dumps(asdict(self.policy.observation)), "command": self.command,
             "seed": str(self.seed), "rounds": str(done), "policy": self.config.policy, "torch": str(torch.__version__),
         }  # fmt: skip
-        temporary = self.weights.with_suffix(".tmp")
-        temporary.write_bytes(sorted_header(save(arrays, metadata)))
-        temporary.replace(self.weights)
-        temporary = self.out / f"{CHECKPOINT}.tmp"
+        write_whole(self.weights, sorted_header(save(arrays, metadata)))
         state = {"network": network.state_dict(), "optimiser": optimiser.state_dict(), "done": done, "elapsed": elapsed}
-        torch.save(state, temporary)
-        temporary.replace(self.out / CHECKPOINT)
+        save_checkpoint(self.out, state)
 
     def _write_page(self, rows: list[dict], elapsed: float) -> None:
         config = self.config
@@ -279,14 +275,7 @@ class SafetyTraining:
             f"everything: {baseline:.4f}", "",
             "![learning curve, and chances against what came](curves.png)", "",
         ]  # fmt: skip
-        _write(self.weights.with_suffix(".md"), "\n".join(lines))
-
-
-def _write(path: Path, text: str) -> None:
-    """Aside, then moved: the file is there whole or not at all."""
-    temporary = path.with_suffix(".tmp")
-    temporary.write_text(text)
-    temporary.replace(path)
+        write_whole(self.weights.with_suffix(".md"), "\n".join(lines))
 
 
 def _loss(logits: Tensor, safety: Tensor) -> Tensor:

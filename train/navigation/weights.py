@@ -13,6 +13,7 @@ from torch import Tensor, nn
 
 from train.navigation.networks import FusedActor, NetworkConfig
 from vuca_nav.errors import BadArgument
+from vuca_nav.files import write_whole
 from vuca_nav.policy.observation import ObservationConfig
 from vuca_nav.policy.weights_file import FORMAT, PolicyWeights, load_weights
 
@@ -47,9 +48,7 @@ def export(
         "activation": network.activation, "decision_rate": str(decision_rate), **notes,
     }  # fmt: skip
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_suffix(".tmp")
-    temporary.write_bytes(sorted_header(save(arrays, metadata)))
-    temporary.replace(path)
+    write_whole(path, sorted_header(save(arrays, metadata)))
 
 
 def sorted_header(data: bytes) -> bytes:

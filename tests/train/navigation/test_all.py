@@ -7,7 +7,6 @@ import pytest
 
 from tests.train.navigation.open_ground import OpenGround
 from train.arena.config import KINDS, ArenaConfig
-from train.locomotion.curves import read_log
 from train.navigation import commands
 from train.navigation import run as run_module
 from train.navigation.commands import train_navigation
@@ -16,6 +15,7 @@ from train.navigation.rewards import find_rewards
 from train.navigation.safety import SafetyConfig
 from train.navigation.stages import EVERYTHING, STAGES, StageConfig, from_scratch
 from train.navigation.team import Alone
+from train.run_directory import read_log
 from vuca_nav.policy.safety import load_safety
 from vuca_nav.policy.weights_file import WEIGHTS_FOLDER, load_weights
 

@@ -8,7 +8,6 @@ from torch.multiprocessing.spawn import start_processes
 
 from tests.train.navigation.open_ground import OpenGround
 from train.arena.config import ArenaConfig
-from train.locomotion.curves import read_log
 from train.navigation import run as run_module
 from train.navigation.networks import NetworkConfig
 from train.navigation.ppo import Learner, PpoConfig
@@ -18,6 +17,7 @@ from train.navigation.skills import skill_labels
 from train.navigation.stages import STAGES, StageConfig
 from train.navigation.team import Alone, Team
 from train.ppo_common import advantages, log_prob
+from train.run_directory import read_log
 from vuca_nav.errors import BadArgument
 from vuca_nav.policy.observation import ObservationConfig
 

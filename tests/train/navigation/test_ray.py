@@ -4,7 +4,6 @@ import pytest
 import torch
 
 from train.arena.config import ArenaConfig
-from train.locomotion.curves import read_log
 from train.navigation import run as run_module
 from train.navigation.environment import ArenaEnvironment
 from train.navigation.networks import NetworkConfig
@@ -13,6 +12,7 @@ from train.navigation.rewards import TERMS
 from train.navigation.run import RunConfig, Training
 from train.navigation.stages import StageConfig
 from train.ppo_common import log_prob
+from train.run_directory import read_log
 from vuca_nav.errors import BadArgument
 from vuca_nav.policy.observation import ObservationConfig
 from vuca_nav.policy.weights_file import load_weights

@@ -1,0 +1,85 @@
+"""The directory of a training run: what it was begun with, its log, its checkpoint. It survives a kill."""
+
+import io
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import torch
+
+from vuca_nav.errors import BadArgument
+from vuca_nav.files import prepare_directory, write_whole
+
+CHECKPOINT = "checkpoint.pt"
+LOG = "log.jsonl"
+CONFIG = "config.json"
+
+
+def open_run(out: Path, contract: dict, *, resume: bool) -> None:
+    """Make a run's directory, or see that the run in it is the same.
+
+    Args:
+        out: The directory.
+        contract: What a run depends on, as JSON holds it; kept in ``config.json``.
+        resume: Go on with what is in ``out``, if anything is.
+
+    Raises:
+        BadArgument: If ``out`` holds a run and it shall not be resumed, or one of another contract, or cannot be
+            written.
+    """
+    prepare_directory(out)
+    config = out / CONFIG
+    if not (out / CHECKPOINT).exists():
+        write_whole(config, json.dumps(contract, indent=2) + "\n")
+        return
+    if not resume:
+        raise BadArgument(f"{out} holds a training run; go on with it by --resume, or give another --out")
+    try:
+        differing = _differences(json.loads(config.read_text()), contract)
+    except (OSError, ValueError) as error:
+        raise BadArgument(f"{config} cannot be read: {error}; give another --out") from error
+    if differing:
+        raise BadArgument(f"{out} holds a run that differs in {', '.join(differing)}; give another --out")
+
+
+def save_checkpoint(out: Path, state: dict) -> None:
+    """Put a run's checkpoint in place of the last one."""
+    buffer = io.BytesIO()
+    torch.save(state, buffer)
+    write_whole(out / CHECKPOINT, buffer.getvalue())
+
+
+def load_checkpoint(checkpoint: Path, names: Sequence[str]) -> dict:
+    """What is in a checkpoint by these names.
+
+    Raises:
+        BadArgument: If it cannot be read, or lacks one of them.
+    """
+    try:
+        state = torch.load(checkpoint, weights_only=True)
+        return {key: state[key] for key in names}
+    except Exception as error:  # torch raises whatever the broken bytes lead to
+        raise BadArgument(f"{checkpoint} is not a checkpoint that can be read: {error}") from error
+
+
+def read_log(log: Path) -> list[dict]:
+    """A run's log; a last line that was torn off is left out."""
+    lines = log.read_text().splitlines()
+    rows = [json.loads(line) for line in lines[:-1]]
+    try:
+        return [*rows, *(json.loads(line) for line in lines[-1:])]
+    except json.JSONDecodeError:
+        return rows
+
+
+def write_log(log: Path, rows: Sequence[dict]) -> None:
+    """The log again, with these rows."""
+    write_whole(log, "".join(json.dumps(row) + "\n" for row in rows))
+
+
+def _differences(old: object, new: object, at: str = "") -> list[str]:
+    """Paths of what is not the same in two trees of JSON."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        keys = sorted({*old, *new})
+        return [d for key in keys for d in _differences(old.get(key), new.get(key), f"{at}.{key}".strip("."))]
+    return [] if old == new else [at]

@@ -1,0 +1,37 @@
+"""Files that are there whole or not at all, and directories that can be written before the work is done."""
+
+from pathlib import Path
+
+from vuca_nav.errors import BadArgument
+
+
+def write_whole(path: Path, data: str | bytes) -> None:
+    """Write a file aside, then move it: whoever is killed, or reads meanwhile, has the old one or the new one.
+
+    Args:
+        path: In a directory that exists; written over.
+        data: All of it; text as UTF-8.
+    """
+    temporary = path.with_name(f".{path.name}.tmp")
+    temporary.write_bytes(data.encode() if isinstance(data, str) else data)
+    temporary.replace(path)
+
+
+def prepare_directory(path: Path) -> None:
+    """Make the directory of results, before an hour is spent on them.
+
+    Args:
+        path: What ``--out`` names.
+
+    Raises:
+        BadArgument: If it is no directory, or no file can be written there.
+    """
+    if path.exists() and not path.is_dir():
+        raise BadArgument(f"--out {path} is a file, expected a directory")
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        probe = path / ".probe"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise BadArgument(f"--out {path} cannot be written: {error}") from error
