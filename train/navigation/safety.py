@@ -5,16 +5,15 @@ there is to see is seen with goals in all directions; for every observation the 
 before the goal was reached. It is asked the same of frontiers (``vuca_nav.policy.safety``).
 """
 
+import contextlib
 import hashlib
 import json
 import time
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from safetensors.numpy import save
 from torch import Tensor, nn
 from torch.utils.tensorboard import SummaryWriter
@@ -22,22 +21,19 @@ from tqdm import tqdm
 
 from train.arena.arena import Arena
 from train.arena.config import ArenaConfig
-from train.arena.shard import Shard
+from train.navigation.card import write_safety_card
+from train.navigation.curves import draw_safety_curves
 from train.navigation.mirror import observation_mirror
-from train.navigation.networks import FusedActor, NetworkConfig, make_critic
+from train.navigation.networks import NetworkConfig, make_critic
+from train.navigation.safety_samples import Samples, cross_entropy, judge, play
 from train.navigation.weights import actor_of, sorted_header
 from train.run_directory import CHECKPOINT, LOG, load_checkpoint, open_run, read_log, save_checkpoint, write_log
 from vuca_nav.errors import BadArgument
 from vuca_nav.files import write_whole
 from vuca_nav.policy.safety import FORMAT
 from vuca_nav.policy.weights_file import load_weights
-from worlds.mover_columns import RADIUS, X, Y
 
 NAME = "safety"
-TOUCH = 0.3
-"""An episode that ends with a collision while a mover's circle is this near to the body's has met it [m]."""
-BINS = 10
-"""Of the chances, to compare them with what came."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,79 +73,6 @@ class SafetyConfig:
             raise BadArgument(f"rounds, episodes, passes, ... must be 1 or more, sent_elsewhere A < B, got {self}")
         if not (self.time > 0.0 and self.rate > 0.0 and 0.0 <= self.sent <= 1.0):
             raise BadArgument(f"time and rate must be positive, sent a share from 0 to 1, got {self}")
-
-
-class Samples(NamedTuple):
-    """What one round has to teach."""
-
-    observations: NDArray[np.float32]
-    """(n, size)"""
-    safety: NDArray[np.float32]
-    """(n,) 1, less what a meeting counts."""
-
-
-def play(arena: Arena, actor: FusedActor, config: SafetyConfig, seed: int) -> Samples:
-    """One round of episodes by the policy's mean actions.
-
-    Args:
-        arena: Each of whose rows runs one episode.
-        actor: The policy.
-        config: What is kept of them.
-        seed: Of the episodes.
-    """
-    rng, n, period = np.random.default_rng((seed, 1)), arena.n, 1.0 / arena.config.decision_rate
-    observation = arena.reset(seed)
-    phase, elsewhere = rng.integers(0, config.spacing, n), rng.integers(*config.sent_elsewhere, n)
-    draws = rng.random((n, 3))
-    kept: list[tuple[int, NDArray[np.int64], NDArray[np.float32]]] = []
-    elsewhere[draws[:, 0] >= config.sent] = -1  # never
-    met_at = np.full(n, np.inf)
-    decision, action = 0, np.zeros((n, 3), np.float32)
-    with torch.no_grad():
-        while (active := arena.active).any():
-            sent = active & (elsewhere == decision)
-            _send_elsewhere(arena, sent, draws[:, 1:])
-            # What is seen on the way to a goal that will be given up says nothing of a way that is gone to its end.
-            due = (decision >= elsewhere) & ((decision + phase) % config.spacing == 0)
-            rows = np.flatnonzero(active & (sent | due))
-            kept.append((decision, rows, observation[rows].copy()))
-            seen = torch.from_numpy(observation[active])
-            action[active] = actor.mean(seen, actor.gate(seen)).numpy()
-            arena.step(action)
-            decision += 1
-            met_at[_meets(arena, active)] = decision * period
-    safety = [1.0 - np.exp((at * period - met_at[rows]) / config.time) for at, rows, _ in kept]
-    return Samples(np.concatenate([seen for _, _, seen in kept]), np.concatenate(safety).astype(np.float32))
-
-
-def _shards(arena: Arena) -> list[tuple[Shard, slice]]:
-    """Each with its rows."""
-    ends = np.cumsum([shard.n for shard in arena.shards])
-    return [(shard, slice(int(end) - shard.n, int(end))) for shard, end in zip(arena.shards, ends)]
-
-
-def _send_elsewhere(arena: Arena, sent: NDArray[np.bool_], draws: NDArray[np.floating]) -> None:
-    """Give some rows the start or the goal of another task in their layout."""
-    pairs = arena.bank.pairs
-    for shard, rows in _shards(arena):
-        chosen = np.flatnonzero(sent[rows])
-        if len(chosen):
-            task, end = (draws[rows][chosen] * (pairs.shape[1], 2)).astype(np.int64).T
-            ends = pairs[shard.rows.layout[chosen], task, :4].reshape(-1, 2, 2)  # start and goal
-            shard.send_to(chosen, ends[np.arange(len(chosen)), end])
-
-
-def _meets(arena: Arena, active: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which of the rows that were active have just collided with something that moves, (n,)."""
-    result = active & arena.outputs.collided
-    for shard, rows in _shards(arena):
-        state = shard.rows
-        for i in np.flatnonzero(result[rows]):
-            movers, count = state.movers[i], state.counts[i]
-            gaps = np.hypot(movers[:count, X] - state.pose[i, 0], movers[:count, Y] - state.pose[i, 1])
-            gaps -= state.constants[i, :count, RADIUS] + arena.bodies.shape[state.body[i], 0]
-            result[rows.start + i] = count > 0 and gaps.min() < TOUCH
-    return result
 
 
 class SafetyTraining:
@@ -204,11 +127,14 @@ class SafetyTraining:
         if done == config.rounds and self.weights.with_suffix(".md").exists():
             return
         if done < config.rounds:
-            arena = Arena(config.arena, observation, config.episodes, 0, self._threads, once=True)
             actor, mirror = actor_of(self.policy), observation_mirror(observation)
-            with SummaryWriter(str(self.out / "tensorboard"), purge_step=done) as writer, tqdm(
-                total=config.rounds, initial=done, desc=NAME, unit="round"
-            ) as bar:  # fmt: skip
+            with (
+                contextlib.closing(
+                    Arena(config.arena, observation, config.episodes, 0, self._threads, once=True)
+                ) as arena,
+                SummaryWriter(str(self.out / "tensorboard"), purge_step=done) as writer,
+                tqdm(total=config.rounds, initial=done, desc=NAME, unit="round") as bar,
+            ):
                 while done < config.rounds:
                     start = time.perf_counter()
                     words = np.random.SeedSequence((self.seed, done)).generate_state(2)
@@ -224,9 +150,8 @@ class SafetyTraining:
                     bar.update()
                     write_log(log, rows)
                     self._save(network, optimiser, done, elapsed)
-            arena.close()
-        draw_curves(rows, self.out / "curves.png")
-        self._write_page(rows, elapsed)
+        draw_safety_curves(rows, self.out / "curves.png")
+        write_safety_card(self.weights.with_suffix(".md"), config, self.command, self.seed, elapsed, rows)
 
     def _learn(
         self, network: nn.Module, optimiser: torch.optim.Adam, samples: Samples, mirror: tuple[Tensor, Tensor],
@@ -241,7 +166,7 @@ class SafetyTraining:
             for part in torch.randperm(len(x), generator=generator).split(config.minibatch):
                 batch, half = x[part], len(part) // 2
                 batch[:half] = batch[:half][:, order] * signs
-                loss = _loss(network(batch), y[part])
+                loss = cross_entropy(network(batch), y[part])
                 optimiser.zero_grad(set_to_none=True)
                 loss.backward()
                 optimiser.step()
@@ -259,72 +184,3 @@ class SafetyTraining:
         write_whole(self.weights, sorted_header(save(arrays, metadata)))
         state = {"network": network.state_dict(), "optimiser": optimiser.state_dict(), "done": done, "elapsed": elapsed}
         save_checkpoint(self.out, state)
-
-    def _write_page(self, rows: list[dict], elapsed: float) -> None:
-        config = self.config
-        loss, baseline = (sum(row[key] for row in rows[-10:]) / len(rows[-10:]) for key in ("loss", "baseline"))
-        lines = [
-            f"# {NAME}", "",
-            "The critic of V^h: the chance of getting to a place without meeting anything that moves, by what the "
-            "robot sees now. It rates where the ways to frontiers lead first.", "",
-            f"- Command: `{self.command}`, torch {torch.__version__}; seed {self.seed}",
-            f"- Learnt from: {config.rounds} rounds of {config.episodes:,} episodes driven by {config.policy}, "
-            f"in {elapsed / 60:.1f} minutes",
-            f"- Settings: `{json.dumps(asdict(config))}`",
-            f"- Cross entropy in the last ten rounds, before they were learnt from: {loss:.4f}; of one chance for "
-            f"everything: {baseline:.4f}", "",
-            "![learning curve, and chances against what came](curves.png)", "",
-        ]  # fmt: skip
-        write_whole(self.weights.with_suffix(".md"), "\n".join(lines))
-
-
-def _loss(logits: Tensor, safety: Tensor) -> Tensor:
-    return nn.functional.binary_cross_entropy_with_logits(logits[:, 0], safety)
-
-
-def judge(network: nn.Module, samples: Samples) -> dict:
-    """How well a network foresees what it has not learnt from.
-
-    Returns:
-        Cross entropy, that of a baseline that gives everything the average chance, and for each of ``BINS`` equal
-        ranges of the chance how many there were, their mean chance and the mean of what came.
-    """
-    with torch.no_grad():
-        logits, safety = network(torch.from_numpy(samples.observations)), torch.from_numpy(samples.safety)
-        mean = safety.mean().clamp(1e-6, 1.0 - 1e-6)
-        loss, baseline = _loss(logits, safety), _loss(mean.logit().expand_as(logits), safety)
-        chances = logits[:, 0].sigmoid().numpy()
-    bins = np.minimum((chances * BINS).astype(np.int64), BINS - 1)
-    count = np.bincount(bins, minlength=BINS)
-    foreseen, came = (np.bincount(bins, x, BINS) / np.maximum(count, 1) for x in (chances, samples.safety))
-    return {
-        "loss": float(loss), "baseline": float(baseline), "met": float(1.0 - samples.safety.mean()),
-        "count": count.tolist(), "foreseen": foreseen.tolist(), "came": came.tolist(),
-    }  # fmt: skip
-
-
-def draw_curves(rows: list[dict], picture: Path) -> None:
-    """The loss over the rounds, and the last ten rounds' chances against what came; PNG."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, (left, right) = plt.subplots(1, 2, figsize=(8, 3), layout="constrained")
-    for key, label in (("loss", "critic, before it learns from the round"), ("baseline", "one chance for everything")):
-        left.plot([row["round"] for row in rows], [row[key] for row in rows], lw=1, label=label)
-    left.set(title="cross entropy", xlabel="round")
-    left.legend(fontsize=7)
-    count = np.sum([row["count"] for row in rows[-10:]], axis=0)
-    some = count > 0
-    foreseen, came = (
-        np.sum([np.multiply(row["count"], row[key]) for row in rows[-10:]], axis=0)[some] / count[some]
-        for key in ("foreseen", "came")
-    )
-    right.plot([0, 1], [0, 1], "k:", lw=1)
-    right.plot(foreseen, came, "o-", ms=4)
-    right.set(title="chances of the last ten rounds", xlabel="foreseen", ylabel="came")
-    for axis in (left, right):
-        axis.grid(alpha=0.3)
-    figure.savefig(picture, dpi=110)
-    plt.close(figure)

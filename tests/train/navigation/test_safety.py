@@ -9,11 +9,12 @@ import torch
 from tests.vuca_nav.random_policy import random_policy
 from train.arena.arena import Arena
 from train.arena.config import ArenaConfig, Imperfections
-from train.navigation import safety as module
+from train.navigation import safety, safety_samples
 from train.navigation.commands import train_navigation
 from train.navigation.mirror import observation_mirror
 from train.navigation.networks import NetworkConfig, make_critic
-from train.navigation.safety import BINS, SafetyConfig, SafetyTraining, Samples, judge, play
+from train.navigation.safety import SafetyConfig, SafetyTraining
+from train.navigation.safety_samples import BINS, Samples, judge, play
 from train.navigation.weights import actor_of
 from vuca_nav.errors import BadArgument, BadWeights
 from vuca_nav.policy.observation import ObservationConfig, goal_features
@@ -91,14 +92,14 @@ def test_what_was_seen_before_another_goal_was_given_is_not_learnt_from(monkeypa
     arena = Arena(replace(ARENA.of("square"), movers=(0, 0)), TRACKED, 64, 0, once=True)
     config = replace(TINY, spacing=1, sent=1.0, sent_elsewhere=(4, 5))
     goals = []
-    real = module._send_elsewhere
+    real = safety_samples._send_elsewhere
 
     def spy(arena, sent, draws):
         real(arena, sent, draws)
         if sent.any():
             goals.append((sent.copy(), arena.outputs.observation[:, TRACKED.goal_slice].copy()))
 
-    monkeypatch.setattr(module, "_send_elsewhere", spy)
+    monkeypatch.setattr(safety_samples, "_send_elsewhere", spy)
     samples = play(arena, Ahead(), config, 5)  # type: ignore[arg-type]
     ((sent, seen),) = goals
     assert sent.sum() > 32
@@ -167,6 +168,18 @@ def test_a_run_that_is_gone_on_with_gives_the_same_bits(policy, tmp_path, monkey
     assert [row["round"] for row in rows] == [1, 2, 3]
     assert (tmp_path / "torn" / "curves.png").read_bytes().startswith(b"\x89PNG")
     assert (tmp_path / "torn" / "safety.md").read_text().startswith("# safety\n")
+
+
+def test_the_arenas_threads_are_let_go_also_when_it_is_interrupted(policy, tmp_path, monkeypatch):
+    def interrupted(arena, *_):
+        raise KeyboardInterrupt
+
+    closed = []
+    monkeypatch.setattr(safety, "play", interrupted)
+    monkeypatch.setattr(Arena, "close", lambda self: closed.append(self))
+    with pytest.raises(KeyboardInterrupt):
+        SafetyTraining(TINY, 4, policy, tmp_path / "run", 2, "", resume=False).run()
+    assert len(closed) == 1
 
 
 def test_the_command(policy, tmp_path, capsys):
