@@ -9,13 +9,10 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from eval.metrics import RISK_CLAMP, RISK_RANGE
 from vuca_nav.errors import UnknownName
 
 TERMS = ("R_g", "R_o", "R_c", "R_r", "R_t", "R_e", "R_a")
-RISK_RANGE = 0.6
-"""Nearer than this is a risk [m]: Table I, R_o."""
-RISK_CLAMP = 0.1
-"""Least clearance that R_o is computed with [m]: as printed it has a pole at 0."""
 COLLISION, REACHED, STEP, TIMEOUT = 15.0, 20.0, 0.01, 5.0
 """The constants of R_c, R_r, R_t and R_e in Table I."""
 FREE_TURN_RATE = 0.3
