@@ -1,12 +1,10 @@
 """Many episodes in many processes: a worker a core, a single thread a worker, rows kept as they come."""
 
-import hashlib
 import importlib.metadata
 import multiprocessing
 import multiprocessing.connection
 import os
 import signal
-import subprocess
 import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
@@ -14,7 +12,6 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields, replace
-from pathlib import Path
 from typing import Any
 
 from eval.episode import EpisodeConfig, method_of, run_episode, stack_request
@@ -22,6 +19,7 @@ from eval.methods import settings_of
 from eval.store import Row
 from robots.noise import NoiseConfig
 from robots.registry import make_body
+from vuca_nav.provenance import commit
 from vuca_nav.telemetry import Telemetry
 
 THREAD_VARIABLES = (
@@ -144,30 +142,4 @@ def provenance(config: EpisodeConfig) -> Row:
     navigator = method_of(config).build(
         stack_request(replace(config, without=""), make_body(config.robot), Telemetry())
     )
-    return {**made_by, "commit": _commit(), "noise": asdict(NoiseConfig()), **settings_of(navigator)}
-
-
-def _commit() -> str | None:
-    """Of the checkout we run from; None if we run from none, or without git.
-
-    If it was changed since: ``-dirty-`` and a hash of the changes, so that two changed trees are told apart; files that
-    git does not know of are not looked at. An installed package may lie in somebody else's checkout, in a virtual
-    environment there for example.
-    """
-    root = Path(__file__).resolve().parents[1]
-    top = _git(root, "rev-parse", "--show-toplevel")
-    if top is None or Path(os.fsdecode(top)).resolve() != root:
-        return None
-    commit = _git(root, "describe", "--always", "--dirty", "--abbrev=12")
-    if commit is None or not commit.endswith(b"-dirty"):
-        return None if commit is None else commit.decode()
-    changes = _git(root, "diff", "--no-ext-diff", "--no-textconv", "--full-index", "HEAD") or b""
-    return f"{commit.decode()}-{hashlib.sha256(changes).hexdigest()[:12]}"
-
-
-def _git(directory: Path, *arguments: str) -> bytes | None:
-    try:
-        result = subprocess.run(["git", *arguments], cwd=directory, capture_output=True, check=False)
-    except FileNotFoundError:
-        return None
-    return result.stdout.strip() or None
+    return {**made_by, "commit": commit(), "noise": asdict(NoiseConfig()), **settings_of(navigator)}

@@ -1,5 +1,4 @@
 import json
-import subprocess
 from dataclasses import asdict
 
 import pytest
@@ -206,31 +205,3 @@ def test_other_settings_do_not_go_on_with_our_rows(tmp_path, monkeypatch):
     monkeypatch.setattr("eval.methods.EXPLORATION_RATE", 0.5)
     with pytest.raises(BadArgument, match=r"begun with navigator\.exploration_rate = 1\.0, not 0\.5"):
         evaluate(IDENTITY, CONFIGS[:2], tmp_path, workers=1, job=jobs.episode_by_hash)
-
-
-def git(directory, *arguments):
-    command = ["git", "-c", "user.name=a", "-c", "user.email=a@b.c", *arguments]
-    subprocess.run(command, cwd=directory, check=True, capture_output=True)
-
-
-def test_the_commit_is_ours_not_that_of_a_repository_around_us(tmp_path, monkeypatch):
-    git(tmp_path, "init")
-    package = tmp_path / "eval"
-    package.mkdir()
-    (package / "runner.py").write_text("")
-    git(tmp_path, "add", ".")
-    git(tmp_path, "commit", "-m", "first")
-    monkeypatch.setattr("eval.runner.__file__", str(package / "runner.py"))
-    commit = provenance(CONFIGS[0])["commit"]
-    assert len(commit) == 12
-    dirty = []
-    for change in (b"changed", b"changed again", b"\0 \xff binary", b"\0 \xfe binary", b"changed"):
-        (package / "runner.py").write_bytes(change)
-        dirty.append(provenance(CONFIGS[0])["commit"])
-    assert all(name.startswith(f"{commit}-dirty-") for name in dirty)
-    assert len(set(dirty)) == 4
-    assert dirty[0] == dirty[-1]
-    installed = tmp_path / ".venv" / "lib" / "site-packages" / "eval"
-    installed.mkdir(parents=True)
-    monkeypatch.setattr("eval.runner.__file__", str(installed / "runner.py"))
-    assert provenance(CONFIGS[0])["commit"] is None
