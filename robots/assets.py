@@ -3,7 +3,7 @@
 from importlib import metadata
 from pathlib import Path
 
-from vuca_nav.errors import VucaError
+from vuca_nav.errors import VucaError, how_to_install
 
 PACKAGE = "example-robot-data"
 ROBOTS_FOLDER = "cmeel.prefix/share/example-robot-data/robots"
@@ -24,7 +24,7 @@ def robots_folder() -> Path:
         distribution = metadata.distribution(PACKAGE)
     except metadata.PackageNotFoundError as error:
         raise MissingAsset(
-            f"{PACKAGE} is not installed; it holds the robots' meshes: pip install 'vuca-nav[sim]'"
+            f"{PACKAGE} is not installed; it holds the robots' meshes: {how_to_install('sim')}"
         ) from error
     folder = Path(str(distribution.locate_file(ROBOTS_FOLDER)))
     if not folder.is_dir():

@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from eval.metrics import TIMING_FIELDS
-from vuca_nav.cli import main
+from vuca_nav.cli import main, run_module
+from worlds.fairness import FairnessArguments
 
 ROOM = """\
 format: vuca-scene-1
@@ -77,7 +78,51 @@ def test_help_is_quick_because_it_imports_nothing_heavy():
 
 def test_without_the_simulator_it_says_which_extra_to_install():
     result = python("import sys; sys.modules['mujoco'] = None; from vuca_nav.cli import main; sys.exit(main(['run']))")
-    assert_one_clear_line(result, "run", "needs the package 'mujoco': pip install 'vuca-nav[sim]'")
+    assert_one_clear_line(result, "run", "needs the package 'mujoco': run pip install -e '.[sim]' in your clone")
+
+
+MODULE = """
+import sys
+from dataclasses import dataclass
+from vuca_nav.cli import run_module
+
+@dataclass(frozen=True)
+class Arguments:
+    n: int = 1
+
+def main(arguments):
+    {}
+
+run_module("module", main, Arguments)
+"""
+
+
+@pytest.mark.parametrize(
+    ("body", "code", "line"),
+    [
+        ("import sys; sys.modules['matplotlib'] = None; import matplotlib", 2,
+         "module: needs the package 'matplotlib': run pip install -e '.[train]' in your clone of vuca-nav"),
+        ("raise KeyboardInterrupt", 130, "module: interrupted"),
+        ("from vuca_nav.errors import BadArgument; raise BadArgument('n must\\nbe 2')", 2, "module: n must be 2"),
+        ("print(arguments.n, file=sys.stderr)", 0, "1"),
+    ],
+)  # fmt: skip
+def test_a_module_of_one_command_ends_as_the_others_do(body, code, line):
+    result = python(MODULE.format(body))
+    assert result.returncode == code
+    assert result.stderr.strip() == line
+
+
+def test_bad_arguments_of_a_module_are_one_line(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["worlds", "square", "--radius", "wide"])
+    with pytest.raises(SystemExit) as ended:
+        run_module("fairness", lambda _: None, FairnessArguments)
+    assert ended.value.code == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert error.startswith("fairness: ")
+    assert "wide" in error
+    assert "--help)" in error
 
 
 SPOKEN = [

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from importlib.metadata import EntryPoint, entry_points, version
 from typing import TypeVar
 
-from vuca_nav.errors import UnknownName, VucaError
+from vuca_nav.errors import UnknownName, VucaError, how_to_install
 
 Command = Callable[[list[str]], int]
 Arguments = TypeVar("Arguments")
@@ -22,9 +22,11 @@ EXTRA_OF_MODULE = {
     "PIL": "sim",
     "collada": "sim",
     "dm_control": "sim",
+    "gymnasium": "sim",
     "jsonschema": "sim",
     "matplotlib": "train",
     "mujoco": "sim",
+    "ray": "distributed",
     "tensorboard": "train",
     "tensordict": "train",
     "torch": "train",
@@ -56,37 +58,47 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(version("vuca-nav"))
         return 0
     name = arguments[0]
-    try:
+
+    def command() -> int:
         if name not in commands:
             raise UnknownName("command", name, commands)
         return commands[name].load()(arguments[1:])
-    except VucaError as error:
-        return _bad_input(name, str(error))
-    except ModuleNotFoundError as error:
-        return _bad_input(name, _what_to_install(error))
-    except KeyboardInterrupt:
-        print(f"\nvuca {name}: interrupted", file=sys.stderr)
-        return EXIT_INTERRUPTED
-    except BrokenPipeError:  # the reader of our output, as `head`, has gone
-        sys.stderr.close()
-        return 1
+
+    return _answer(f"vuca {name}", command)
 
 
 def run_module(name: str, main: Callable[[Arguments], object], kind: type[Arguments]) -> None:
-    """What ``python -m`` of a module with a single command does; bad input ends with the same exit code as elsewhere.
+    """What ``python -m`` of a module with a single command does; it ends with the same lines and codes as ``vuca``.
 
     Args:
         name: For messages.
         main: The command.
         kind: Its arguments, a dataclass.
     """
-    import tyro
+    spec = sys.modules["__main__"].__spec__  # none of a script or of -c
+    program = f"python -m {spec.name}" if spec else name
 
+    def command() -> int:
+        main(_parse(kind, program, sys.argv[1:]))
+        return 0
+
+    sys.exit(_answer(name, command))
+
+
+def _answer(name: str, command: Callable[[], int]) -> int:
+    """The exit code of a command, after the line that tells what went wrong, if anything did."""
     try:
-        main(tyro.cli(kind, config=(tyro.conf.FlagCreatePairsOff,)))
+        return command()
     except VucaError as error:
-        print(f"{name}: {error}", file=sys.stderr)
-        sys.exit(EXIT_BAD_INPUT)
+        return _bad_input(name, str(error))
+    except ModuleNotFoundError as error:
+        return _bad_input(name, _what_to_install(error))
+    except KeyboardInterrupt:
+        print(f"\n{name}: interrupted", file=sys.stderr)
+        return EXIT_INTERRUPTED
+    except BrokenPipeError:  # the reader of our output, as `head`, has gone
+        sys.stderr.close()
+        return 1
 
 
 def parse(kind: type[Arguments], command: str, argv: list[str]) -> Arguments:
@@ -100,6 +112,11 @@ def parse(kind: type[Arguments], command: str, argv: list[str]) -> Arguments:
     Raises:
         VucaError: An argument is unknown, missing or not of its type.
     """
+    return _parse(kind, f"vuca {command}", argv)
+
+
+def _parse(kind: type[Arguments], program: str, argv: list[str]) -> Arguments:
+    """The same, of what is started by typing ``program``."""
     import tyro
 
     complaint = io.StringIO()
@@ -108,13 +125,13 @@ def parse(kind: type[Arguments], command: str, argv: list[str]) -> Arguments:
             return tyro.cli(
                 kind,
                 args=argv,
-                prog=f"vuca {command}",
+                prog=program,
                 config=(tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes),
             )
     except SystemExit as exit_request:
         if exit_request.code in (0, None):  # --help
             raise
-        raise VucaError(f"{_first_paragraph(complaint.getvalue())} (see vuca {command} --help)") from None
+        raise VucaError(f"{_first_paragraph(complaint.getvalue())} (see {program} --help)") from None
 
 
 def _first_paragraph(box: str) -> str:
@@ -132,7 +149,7 @@ def _first_paragraph(box: str) -> str:
 
 def _bad_input(name: str, message: str) -> int:
     """One line, however many the message has."""
-    print(f"vuca {name}: {' '.join(message.split())}", file=sys.stderr)
+    print(f"{name}: {' '.join(message.split())}", file=sys.stderr)
     return EXIT_BAD_INPUT
 
 
@@ -141,7 +158,7 @@ def _what_to_install(error: ModuleNotFoundError) -> str:
     module = (error.name or "").partition(".")[0]
     if module not in EXTRA_OF_MODULE:
         raise error
-    return f"needs the package {module!r}: pip install 'vuca-nav[{EXTRA_OF_MODULE[module]}]'"
+    return f"needs the package {module!r}: {how_to_install(EXTRA_OF_MODULE[module])}"
 
 
 def _overview(commands: dict[str, EntryPoint]) -> str:

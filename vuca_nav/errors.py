@@ -8,6 +8,11 @@ class VucaError(Exception):
     """Bad input. The command line prints it as one line and exits with code 2."""
 
 
+def how_to_install(extra: str) -> str:
+    """What to type for one of our extras: no package index has the project, a clone of it is installed."""
+    return f"run pip install -e '.[{extra}]' in your clone of vuca-nav"
+
+
 class UnknownName(VucaError):
     """A name that is not among those available.
 

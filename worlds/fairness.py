@@ -7,9 +7,14 @@ from dataclasses import dataclass
 import tyro
 from tqdm import tqdm
 
+from vuca_nav.cli import run_module
+from vuca_nav.errors import BadArgument
 from worlds.reachability import reachable
 from worlds.registry import make_world
 from worlds.shortest_path import shortest_path_length, time_limit
+
+RADII, RESOLUTIONS = (0.01, 2.0), (0.02, 2.0)
+"""That make sense: a larger body has no way through any of the worlds, a finer grid takes hours [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,26 +69,45 @@ def fairness(
     return Fairness(tuple(unsolved), tuple(times), tuple(lengths))
 
 
-def main(
-    world: tyro.conf.Positional[str],
-    radius: float,
-    seeds: int = 100,
-    region: int | None = None,
-    movers: int | None = None,
-    resolution: float = 0.2,
-) -> None:
-    """Print the share of seeds that a disc which knows all futures can solve.
+@dataclass(frozen=True)
+class FairnessArguments:
+    """The share of a world's seeds that a disc which knows all futures can solve."""
 
-    Args:
-        world: Name of a world.
-        radius: Of the body, 0.285 for TIAGo [m].
-        seeds: How many, from 0.
-        region: Of the factory.
-        movers: How many, for the worlds that take it.
-        resolution: Of the grid in space [m].
+    world: tyro.conf.Positional[str]
+    """Name of a world."""
+    radius: float
+    """Of the body, 0.285 for TIAGo [m]."""
+    seeds: int = 100
+    """How many, from 0."""
+    region: int | None = None
+    """Of the factory."""
+    movers: int | None = None
+    """How many, for the worlds that take it."""
+    resolution: float = 0.2
+    """Of the grid in space [m]."""
+
+
+def main(arguments: FairnessArguments) -> None:
+    """Print the share.
+
+    Raises:
+        BadArgument: If a number is out of its range.
+        UnknownName: If there is no such world.
     """
+    world, seeds = arguments.world, arguments.seeds
+    if seeds < 1:
+        raise BadArgument(f"--seeds must be 1 or more, got {seeds}")
+    for name, value, (low, high) in (
+        ("radius", arguments.radius, RADII),
+        ("resolution", arguments.resolution, RESOLUTIONS),
+    ):
+        if not low <= value <= high:
+            raise BadArgument(f"--{name} must be {low:g} to {high:g} m, got {value}")
     progress = tqdm(range(seeds), file=sys.stderr)
-    result = fairness(world, progress, radius=radius, region=region, movers=movers, resolution=resolution)
+    result = fairness(
+        world, progress, radius=arguments.radius, region=arguments.region, movers=arguments.movers,
+        resolution=arguments.resolution,
+    )  # fmt: skip
     print(
         f"{world}: {len(result.times)} of {seeds} seeds can be solved; arrival at 1 m/s after "
         f"{sum(result.times) / max(len(result.times), 1):.1f} s on average over shortest paths of "
@@ -92,4 +116,4 @@ def main(
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_module("fairness", main, FairnessArguments)

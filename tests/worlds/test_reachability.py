@@ -1,12 +1,13 @@
 """Shortest ways and space-time reachability against answers known beforehand."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import worlds.fairness
-from vuca_nav.errors import BadWorld
+from vuca_nav.errors import BadWorld, VucaError
 from vuca_nav.types import Pose2
 from worlds import make_world
 from worlds.checks import check_task
@@ -210,3 +211,18 @@ def test_factory_and_square_are_fair():
 )
 def test_at_least_99_of_100_seeds_can_be_solved(world, region):
     assert len(fairness(world, range(100), radius=TIAGO, region=region).unsolved) <= 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"world": "nope"}, "unknown world 'nope'"),
+        ({"seeds": 0}, "--seeds must be 1 or more, got 0"),
+        ({"radius": 0.0}, "--radius must be 0.01 to 2 m, got 0.0"),
+        ({"resolution": float("nan")}, "--resolution must be 0.02 to 2 m, got nan"),
+    ],
+)
+def test_what_fairness_is_not_asked(changes, message):
+    arguments = worlds.fairness.FairnessArguments("square", 0.3)
+    with pytest.raises(VucaError, match=message):
+        worlds.fairness.main(replace(arguments, **changes))

@@ -26,7 +26,7 @@ from train.navigation.stages import StageConfig
 from train.navigation.team import Alone, Team
 from train.navigation.weights import export, find_sources, start_from
 from train.run_directory import CHECKPOINT, LOG, load_checkpoint, open_run, read_log, save_checkpoint, write_log
-from vuca_nav.errors import BadArgument
+from vuca_nav.errors import BadArgument, how_to_install
 
 Collector = Literal["local", "ray"]
 SAVE_EVERY = 50
@@ -216,7 +216,7 @@ def _check(stage: StageConfig, run: RunConfig) -> None:
     if run.workers < 1 or (run.collector == "local" and run.workers > (os.cpu_count() or 1)):
         raise BadArgument(f"--workers must be 1 to {os.cpu_count()}, got {run.workers}")
     if run.collector == "ray" and importlib.util.find_spec("ray") is None:
-        raise BadArgument("--collector ray needs Ray: pip install 'vuca-nav[distributed]'")
+        raise BadArgument(f"--collector ray needs Ray: {how_to_install('distributed')}")
     if stage.ppo.worlds % run.workers or stage.ppo.minibatch % run.workers:
         raise BadArgument(
             f"{stage.ppo.worlds} worlds and minibatches of {stage.ppo.minibatch} must be multiples of the "
