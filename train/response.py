@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 from numba import njit
 from scipy.optimize import least_squares
 from tqdm import tqdm
@@ -22,7 +21,9 @@ from robots.body import Body
 from robots.noise import NoiseConfig
 from robots.registry import make_body
 from robots.simulation import Simulation
-from vuca_nav.errors import VucaError
+from vuca_nav.cli import run_module
+from vuca_nav.errors import BadArgument, VucaError
+from vuca_nav.files import prepare_directory, write_whole
 from vuca_nav.geometry import between
 from vuca_nav.types import FloatArray, Pose2, VelocityCommand
 from worlds.world import World
@@ -136,7 +137,12 @@ def fit(runs: Sequence[tuple[FloatArray, FloatArray]], acceleration: float) -> A
 
 
 def identify(body: Body, out: Path, seed: int) -> dict[str, AxisResponse]:
-    """Excite and fit each axis the body has; write the model as JSON and a plot of fit against measurement."""
+    """Excite and fit each axis the body has; write the model as JSON and a plot of fit against measurement.
+
+    Raises:
+        BadArgument: If ``out`` cannot be written.
+    """
+    prepare_directory(out)
     import matplotlib
 
     matplotlib.use("Agg")
@@ -164,16 +170,15 @@ def identify(body: Body, out: Path, seed: int) -> dict[str, AxisResponse]:
         panel.grid(alpha=0.3)
     panels[0, 0].legend(fontsize=8, loc="upper right")
     panels[-1, 0].set_xlabel("s")
-    out.mkdir(parents=True, exist_ok=True)
     figure.savefig(out / f"response_{spec.name}.png", dpi=90)
     plt.close(figure)
     rows = {name: {k: round(v, 5) for k, v in asdict(response).items()} for name, response in responses.items()}
-    (out / f"response_{spec.name}.json").write_text(json.dumps({"robot": spec.name, **rows}, indent=2) + "\n")
+    write_whole(out / f"response_{spec.name}.json", json.dumps({"robot": spec.name, **rows}, indent=2) + "\n")
     return responses
 
 
 @dataclass(frozen=True)
-class Arguments:
+class ResponseArguments:
     """Identify how a body's velocity follows its command."""
 
     out: Path
@@ -182,12 +187,18 @@ class Arguments:
     seed: int = 0
 
 
-def main() -> None:
-    """Print what was found."""
-    arguments = tyro.cli(Arguments)
+def main(arguments: ResponseArguments) -> None:
+    """Print what was found.
+
+    Raises:
+        BadArgument: If the seed is negative or the directory cannot be written.
+        UnknownName: If there is no such robot.
+    """
+    if arguments.seed < 0:
+        raise BadArgument(f"--seed must be 0 or more, got {arguments.seed}")
     for name, response in identify(make_body(arguments.robot), arguments.out, arguments.seed).items():
         print(name, asdict(response))
 
 
 if __name__ == "__main__":
-    main()
+    run_module("response", main, ResponseArguments)

@@ -1,14 +1,16 @@
 """Speed of the arena: ``python -m train.arena.bench --threads 2``."""
 
 import json
+import math
 import time
 from dataclasses import dataclass, replace
 
 import numpy as np
-import tyro
 
 from train.arena.arena import Arena
 from train.arena.config import ArenaConfig
+from vuca_nav.cli import run_module
+from vuca_nav.errors import BadArgument
 from vuca_nav.policy.observation import ObservationConfig
 
 BENCHMARKS = [
@@ -49,9 +51,17 @@ def measure(config: ArenaConfig, arguments: Arguments) -> dict[str, float]:
     return {"per_second": decisions / wall, "per_core_second": decisions / processor, "movers": movers}
 
 
-def main() -> None:
-    """One JSON object a line."""
-    arguments = tyro.cli(Arguments)
+def main(arguments: Arguments) -> None:
+    """One JSON object a line.
+
+    Raises:
+        BadArgument: If there is no such kind of observation, or a number is out of its range.
+    """
+    if arguments.threads < 1 or arguments.rows < 1 or not 0.0 < arguments.seconds < math.inf:
+        raise BadArgument(
+            f"--threads and --rows must be 1 or more, --seconds positive and finite, got {arguments.threads}, "
+            f"{arguments.rows} and {arguments.seconds}"
+        )
     for benchmark in BENCHMARKS:
         result = measure(benchmark["config"], arguments)
         figures = {name: round(value, 1) for name, value in result.items()}
@@ -61,4 +71,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_module("bench", main, Arguments)

@@ -8,13 +8,14 @@ import sys
 from dataclasses import dataclass, replace
 
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 from tqdm import tqdm
 
 from train.arena.config import KINDS, ArenaConfig
 from train.arena.evaluation import Evaluation
 from train.arena.rows import GOAL_X, START_X
+from vuca_nav.cli import run_module
+from vuca_nav.errors import BadArgument
 from vuca_nav.policy.observation import ObservationConfig
 from vuca_nav.types import FloatArray
 from worlds.mover_columns import RADIUS, X
@@ -80,12 +81,13 @@ def solvable(config: ArenaConfig, episodes: int, seed: int) -> Solvable:
 
 
 @dataclass(frozen=True)
-class Arguments:
+class OracleArguments:
     """How many of the evaluation's episodes a disc that knows all futures can solve."""
 
     kind: str = ""
     """Of world; all kinds if empty."""
     body: str = "tiago"
+    """tiago, go2 or random; a mixture of them if empty."""
     episodes: int = 200
     seed: int = 0
     speeds: tuple[float, float] = (0.2, 2.0)
@@ -93,9 +95,16 @@ class Arguments:
     movers: tuple[int, int] = (6, 20)
 
 
-def main() -> None:
-    """Print the shares."""
-    arguments = tyro.cli(Arguments)
+def main(arguments: OracleArguments) -> None:
+    """Print the shares.
+
+    Raises:
+        BadArgument: If there is no such kind or body, or a number is out of its range.
+    """
+    if arguments.episodes < 1 or arguments.seed < 0:
+        raise BadArgument(
+            f"--episodes must be 1 or more and --seed 0 or more, got {arguments.episodes} and {arguments.seed}"
+        )
     config = replace(ArenaConfig(), mover_speeds=arguments.speeds, movers=arguments.movers)
     if arguments.body:
         config = config.driven_by(arguments.body)
@@ -111,4 +120,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_module("oracle", main, OracleArguments)

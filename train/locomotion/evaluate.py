@@ -19,7 +19,6 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-import tyro
 from tqdm import tqdm
 
 from robots.kinematics import planar_pose
@@ -28,7 +27,9 @@ from robots.noise import NoiseConfig
 from robots.registry import find_quadruped
 from train.locomotion.floors import SILL_DEPTH, Floor, compile_model
 from train.locomotion.randomise import Randomisation, randomise_robot
-from vuca_nav.errors import BadArgument, VucaError
+from vuca_nav.cli import run_module
+from vuca_nav.errors import BadArgument
+from vuca_nav.files import write_whole
 from vuca_nav.types import STOP, FloatArray, Pose2, VelocityCommand
 
 CONTROL, PHYSICS = 60, 300
@@ -206,7 +207,7 @@ def _rms(errors: FloatArray) -> tuple[float, float, float]:
 
 
 @dataclass(frozen=True)
-class Arguments:
+class EvaluateArguments:
     """Measure a gait."""
 
     robot: str = "go2"
@@ -215,7 +216,7 @@ class Arguments:
     out: Path | None = None
     """JSON file of the results, written over if it exists."""
     minutes: float = 60.0
-    """Of random commands, on flat floor and on sills and ramps."""
+    """Of random commands, on flat floor and on sills and ramps; 0 leaves them out."""
     seed: int = 0
 
 
@@ -234,9 +235,15 @@ def prepare_out(path: Path) -> None:
         raise BadArgument(f"--out {path} cannot be written: {error}") from error
 
 
-def main() -> None:
-    """Print a table, write JSON."""
-    arguments = tyro.cli(Arguments)
+def main(arguments: EvaluateArguments) -> None:
+    """Print a table, write JSON.
+
+    Raises:
+        BadArgument: If a number is out of its range, or ``--out`` cannot be written.
+        UnknownName: If there is no such quadruped.
+    """
+    if arguments.seed < 0 or not 0.0 <= arguments.minutes < math.inf:
+        raise BadArgument(f"--seed and --minutes must be 0 or more, got {arguments.seed} and {arguments.minutes}")
     if arguments.out is not None:
         prepare_out(arguments.out)
     body = Quadruped(find_quadruped(arguments.robot), arguments.weights)
@@ -251,12 +258,8 @@ def main() -> None:
             print(name, results[name], flush=True)
     print(json.dumps(results))
     if arguments.out is not None:
-        arguments.out.write_text(json.dumps(results, indent=2) + "\n")
+        write_whole(arguments.out, json.dumps(results, indent=2) + "\n")
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except VucaError as error:
-        print(f"evaluate: {error}", file=sys.stderr)
-        sys.exit(2)
+    run_module("evaluate", main, EvaluateArguments)

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import torch
-import tyro
 from tensordict import TensorDict
 from torch import Tensor, nn
 
@@ -17,6 +16,8 @@ from train.navigation.rewards import find_rewards
 from train.navigation.stages import StageConfig, find_stage
 from train.navigation.team import Alone
 from train.ppo_common import log_prob
+from vuca_nav.cli import run_module
+from vuca_nav.errors import BadArgument
 
 BATCH = 1024
 ROUNDS = 15
@@ -163,10 +164,21 @@ def bench(arguments: BenchArguments) -> dict[str, float]:
     }  # fmt: skip
 
 
-if __name__ == "__main__":
-    chosen = tyro.cli(BenchArguments, config=(tyro.conf.FlagCreatePairsOff,))
-    figures = bench(chosen)
-    if chosen.json:
+def main(arguments: BenchArguments) -> None:
+    """Print the figures.
+
+    Raises:
+        BadArgument: If there are no iterations.
+        UnknownName: If there is no such stage.
+    """
+    if arguments.iterations < 1:
+        raise BadArgument(f"--iterations must be 1 or more, got {arguments.iterations}")
+    figures = bench(arguments)
+    if arguments.json:
         print(json.dumps(figures))
     else:
         print("\n".join(f"{name:36} {value:12.3f}" for name, value in figures.items()))
+
+
+if __name__ == "__main__":
+    run_module("bench", main, BenchArguments)
