@@ -4,6 +4,10 @@ import runpy
 
 import pytest
 
+from vuca_nav.policy.weights_file import WEIGHTS_FOLDER
+
+FUSION = WEIGHTS_FOLDER / "fusion.safetensors"
+
 
 @pytest.mark.filterwarnings("ignore:.*found in sys.modules")
 @pytest.mark.parametrize(
@@ -28,6 +32,15 @@ import pytest
         ("train.locomotion.evaluate", "--out file/results.json", "cannot be written"),
         ("train.navigation.evaluate", "--epsodes 3", "epsodes"),
         ("train.navigation.evaluate", "missing.safetensors", "missing.safetensors"),
+        ("train.navigation.evaluate", "", "give one or more weights files"),
+        ("train.navigation.evaluate", f"{FUSION} --out file", "--out file is a file, expected a directory"),
+        ("train.navigation.evaluate", f"{FUSION} --threads 0", "--threads must be 1 or more, got 0"),
+        ("train.navigation.evaluate", f"{FUSION} --seed -1", "--seed must be 0 or more, got -1"),
+        ("train.navigation.evaluate", f"{FUSION} --episodes 0", "--episodes must be 1 or more, got 0"),
+        ("train.navigation.evaluate", f"{FUSION} --decision-rate 0", "decision_rate"),
+        ("train.navigation.evaluate", f"{FUSION} --speeds 2 1", "mover_speeds"),
+        ("train.navigation.evaluate", f"{FUSION} --kinds", "--kinds must name one or more of static, "),
+        ("train.navigation.evaluate", f"{FUSION} {FUSION}", "fusion.safetensors is given twice"),
     ],
 )
 def test_bad_arguments_are_one_line(module, arguments, said, monkeypatch, capsys, tmp_path):
@@ -35,7 +48,7 @@ def test_bad_arguments_are_one_line(module, arguments, said, monkeypatch, capsys
     (tmp_path / "file").touch()
     monkeypatch.setattr("sys.argv", [module, *arguments.split()])
     with pytest.raises(SystemExit) as ended:
-        runpy.run_module(module, run_name="__main__")
+        runpy.run_module(module, run_name="__main__", alter_sys=True)
     assert ended.value.code == 2
     out, error = capsys.readouterr()
     assert out == ""

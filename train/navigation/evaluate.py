@@ -3,30 +3,36 @@
 ``python -m train.navigation.evaluate FILE... --out DIR`` writes ``evaluation.json`` and ``evaluation.md``.
 """
 
+from __future__ import annotations
+
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
-import torch
 import tyro
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from eval.statistics import paired_difference, wilson_interval
+from eval.statistics import paired_difference
 from train.arena.config import KINDS, ArenaConfig
 from train.arena.evaluation import EpisodeRecords, Evaluation
 from train.arena.local_policies import ArenaPolicies
 from train.arena.shielding import ArenaShield
-from train.navigation.networks import FusedActor
-from train.navigation.weights import actor_of
+from train.navigation.evaluation_page import AS_IT_IS, markdown, row_names, summary
 from vuca_nav.cli import run_module
 from vuca_nav.errors import BadArgument
+from vuca_nav.files import prepare_directory, write_whole
 from vuca_nav.policy.dwa import DynamicWindow
 from vuca_nav.policy.observation import ObservationConfig
 from vuca_nav.policy.weights_file import PolicyWeights, load_weights
+
+if TYPE_CHECKING:  # so that bad arguments are told at once, and a torch that is missing in one line
+    import torch
+
+    from train.navigation.networks import FusedActor
 
 
 @dataclass(frozen=True)
@@ -34,7 +40,8 @@ class EvaluateArguments:
     """Compare policies in the training arena's unseen worlds."""
 
     files: tyro.conf.Positional[tuple[Path, ...]]
-    """Weights; the others are compared with the first."""
+    """Weights; the others are compared with the first. Rows have the files' names, of those with the same name as much
+    of their paths as tells them apart."""
     out: Path = Path("evaluation")
     """Directory of the results."""
     episodes: int = 500
@@ -55,8 +62,6 @@ class EvaluateArguments:
     threads: int = 1
 
 
-AS_IT_IS = "as it is"
-"""The variant of a policy with its own gate and no shield, and of the dynamic window."""
 STACK_RATE = 30
 """Of decisions on a robot [Hz]."""
 
@@ -97,6 +102,8 @@ def play(
         title: For the progress bar.
         shielded: Under the robot's shield.
     """
+    import torch
+
     shield = ArenaShield(evaluation.arena) if shielded else None
     total, entropy, count = torch.zeros(len(actor.layers[0].bias)), 0.0, 0
     with tqdm(total=evaluation.arena.n, unit="episode", desc=title, leave=False) as bar, torch.no_grad():
@@ -132,7 +139,7 @@ def play_dynamic_window(evaluation: Evaluation, title: str) -> EpisodeRecords:
 
 
 def _overruled(shares: torch.Tensor, overrule: torch.Tensor) -> torch.Tensor:
-    if torch.isinf(overrule).any():
+    if overrule.isinf().any():
         kept = shares * (overrule == 0.0)
         return kept / kept.sum(1, keepdim=True)
     return overrule.expand_as(shares)
@@ -151,20 +158,6 @@ def knock_outs(experts: int, mean: Sequence[float]) -> dict[str, NDArray[np.floa
     return named
 
 
-def summary(records: EpisodeRecords, gate: GateUse | None = None) -> dict:
-    """A row of the table."""
-    n, successes = len(records.success), int(records.success.sum())
-    return {
-        "episodes": n, "success": successes / n, "success_interval": wilson_interval(successes, n),
-        "collision": float(records.collision.mean()),
-        "collision_interval": wilson_interval(int(records.collision.sum()), n),
-        "timeout": float(records.timeout.mean()),
-        "time_of_successes": float(records.time[records.success].mean()) if successes else None,
-        "arsps": float(records.arsps.mean()), "ansps": float(records.ansps.mean()),
-        "gate": None if gate is None else gate._asdict(),
-    }  # fmt: skip
-
-
 def evaluate(arguments: EvaluateArguments) -> dict:
     """Play everything.
 
@@ -173,16 +166,14 @@ def evaluate(arguments: EvaluateArguments) -> dict:
         first policy's same kind (``against_first``), other variants' with their own policy's (``against_as_it_is``).
 
     Raises:
-        BadArgument: If there is nothing to be compared, or two policies have the same name.
+        BadArgument: If there is nothing to be compared, a file is given twice, or a number is out of its range.
         BadWeights: If a file is missing or broken.
     """
-    if (arguments.shield or arguments.dynamic_window) and arguments.threads > 1:
-        raise BadArgument("--shield and --dynamic-window go with --threads 1")
-    if not arguments.files or arguments.episodes < 1:
-        raise BadArgument("give one or more weights files, and --episodes of 1 or more")
-    weights = {path.stem: load_weights(path) for path in arguments.files}
-    if len(weights) < len(arguments.files):
-        raise BadArgument("two of the files have the same name")
+    weights = _policies(arguments)
+    import torch
+
+    from train.navigation.weights import actor_of
+
     torch.set_num_threads(arguments.threads)
     results: dict = {name: {} for name in weights}
     for kind in arguments.kinds:
@@ -221,69 +212,65 @@ def evaluate(arguments: EvaluateArguments) -> dict:
     return results
 
 
+def _policies(arguments: EvaluateArguments) -> dict[str, PolicyWeights]:
+    """By the names of their rows, after all arguments are checked; raises what ``evaluate`` does."""
+    for name, least in (("episodes", 1), ("threads", 1), ("seed", 0)):
+        if getattr(arguments, name) < least:
+            raise BadArgument(f"--{name} must be {least} or more, got {getattr(arguments, name)}")
+    if (arguments.shield or arguments.dynamic_window) and arguments.threads > 1:
+        raise BadArgument(f"--shield and --dynamic-window go with --threads 1, got {arguments.threads}")
+    if not arguments.files:
+        raise BadArgument("give one or more weights files to evaluate")
+    if not arguments.kinds:
+        raise BadArgument(f"--kinds must name one or more of {', '.join(KINDS)}, got none")
+    weights = dict(zip(row_names(arguments.files), map(load_weights, arguments.files)))
+    for source in weights.values():
+        _config(arguments.kinds[0], _rate(source, arguments), arguments)
+    return weights
+
+
+def _rate(source: PolicyWeights, arguments: EvaluateArguments) -> int:
+    """At which a policy decides [Hz]."""
+    if arguments.decision_rate is not None:
+        return arguments.decision_rate
+    try:
+        return round(float(source.metadata["decision_rate"]))
+    except (KeyError, ValueError) as error:
+        raise BadArgument(f"{source.path} names no decision_rate [Hz]; give --decision-rate") from error
+
+
+def _config(kind: str, rate: int, arguments: EvaluateArguments) -> ArenaConfig:
+    config = ArenaConfig(decision_rate=rate).of(kind)
+    return config if arguments.speeds is None else replace(config, mover_speeds=arguments.speeds)
+
+
 def episodes_of(source: PolicyWeights, kind: str, arguments: EvaluateArguments) -> Evaluation:
     """The unseen episodes of one kind of world, as the policy sees them.
 
     Raises:
         BadArgument: If the weights name no rate to decide at, and the arguments do not either.
     """
-    try:
-        rate = arguments.decision_rate or round(float(source.metadata["decision_rate"]))
-    except (KeyError, ValueError) as error:
-        raise BadArgument(f"{source.path} names no decision_rate [Hz]; give --decision-rate") from error
-    return _arena(kind, rate, arguments, source.observation)
+    return _arena(kind, _rate(source, arguments), arguments, source.observation)
 
 
 def _arena(kind: str, rate: int, arguments: EvaluateArguments, observation: ObservationConfig) -> Evaluation:
-    config = ArenaConfig(decision_rate=rate).of(kind)
-    if arguments.speeds is not None:
-        config = replace(config, mover_speeds=arguments.speeds)
+    config = _config(kind, rate, arguments)
     return Evaluation(config, observation, arguments.episodes, arguments.seed, arguments.threads)
 
 
-def markdown(results: dict, arguments: EvaluateArguments) -> str:
-    """The results as tables, one for each kind of world."""
-    lines = [f"{arguments.episodes} episodes of seed {arguments.seed} in each kind of world, the same for all.", ""]
-    for kind in arguments.kinds:
-        lines += [
-            f"## {kind}", "",
-            "| policy | success % | crash % | time-out % | time [s] | ARSPS | ANSPS x 1000 | gate | gate entropy, "
-            "information | difference in success |",
-            "|---|---|---|---|---|---|---|---|---|---|",
-        ]  # fmt: skip
-        for name, variants in results.items():
-            for variant, kinds in variants.items():
-                row = kinds[kind]
-                low, high = row["success_interval"]
-                against = row.get("against_as_it_is") or row.get("against_first")
-                difference = (
-                    "" if against is None else "{:+.1f} ({:+.1f} to {:+.1f})".format(*(100 * x for x in against))
-                )
-                gate = row["gate"]
-                shares = "" if gate is None else " ".join(f"{share:.2f}" for share in gate["mean"])
-                entropy = "" if gate is None else f"{gate['entropy']:.2f}, {gate['information']:.3f}"
-                time = "" if row["time_of_successes"] is None else f"{row['time_of_successes']:.1f}"
-                lines.append(
-                    f"| {name if variant == AS_IT_IS else f'{name}, {variant}'} "
-                    f"| {100 * row['success']:.1f} ({100 * low:.1f}-{100 * high:.1f}) | {100 * row['collision']:.1f} "
-                    f"| {100 * row['timeout']:.1f} | {time} | {row['arsps']:.3f} | {1000 * row['ansps']:.3f} "
-                    f"| {shares} | {entropy} | {difference} |"
-                )
-        lines.append("")
-    lines.append(
-        "Differences are paired: with the first policy, of a gate that is overruled or commands that are shielded "
-        "with the same policy without."
-    )
-    return "\n".join([*lines, ""])
-
-
 def main(arguments: EvaluateArguments) -> None:
-    """Play, and write the results."""
+    """Play, and write the results.
+
+    Raises:
+        BadArgument: See ``evaluate``; or if ``--out`` cannot be written.
+        BadWeights: If a file is missing or broken.
+    """
+    _policies(arguments)
+    prepare_directory(arguments.out)
     results = evaluate(arguments)
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    (arguments.out / "evaluation.json").write_text(json.dumps(results, indent=2) + "\n")
+    write_whole(arguments.out / "evaluation.json", json.dumps(results, indent=2) + "\n")
     text = markdown(results, arguments)
-    (arguments.out / "evaluation.md").write_text(text)
+    write_whole(arguments.out / "evaluation.md", text)
     print(text)
 
 

@@ -1,5 +1,8 @@
 import json
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,12 +12,13 @@ from train.arena.config import ArenaConfig, Imperfections
 from train.arena.evaluation import EpisodeRecords, Evaluation
 from train.arena.shielding import action_from_command
 from train.navigation import evaluate as module
-from train.navigation.evaluate import EvaluateArguments, GateUse, Played, evaluate, knock_outs, main, markdown, play
+from train.navigation.evaluate import EvaluateArguments, GateUse, Played, evaluate, knock_outs, main, play
+from train.navigation.evaluation_page import markdown, row_names
 from train.navigation.networks import FusedActor, NetworkConfig, make_critic
 from train.navigation.weights import actor_of, export
 from vuca_nav.errors import BadArgument, BadWeights
 from vuca_nav.policy.observation import ObservationConfig, command_from_action
-from vuca_nav.policy.weights_file import load_weights
+from vuca_nav.policy.weights_file import WEIGHTS_FOLDER, load_weights
 from vuca_nav.types import VelocityCommand
 
 WORLD = ArenaConfig(layouts=2, pairs=4, num_bodies=2).of("static")
@@ -77,7 +81,7 @@ def test_rows_are_filed_under_what_is_true_of_a_policy_and_of_the_window(tmp_pat
     arrived, hit = np.eye(4, dtype=bool)[:2]
     some, none = np.ones(4), np.zeros(4, np.int64)
     records = EpisodeRecords(arrived, hit, ~(arrived | hit), some, some, some, some, some, some, none, none)
-    for name in ("_episodes", "_arena"):
+    for name in ("episodes_of", "_arena"):
         monkeypatch.setattr(module, name, lambda *_: None)
     monkeypatch.setattr(module, "play_dynamic_window", lambda *_: records)
     monkeypatch.setattr(module, "play", lambda *_, **__: Played(records, GateUse([1.0], 0.0, 0.0)))
@@ -100,6 +104,35 @@ def test_what_cannot_be_evaluated(tmp_path):
         evaluate(EvaluateArguments(()))
     with pytest.raises(BadWeights, match=r"no\.safetensors"):
         evaluate(EvaluateArguments((tmp_path / "no.safetensors",)))
+
+
+def test_rows_of_files_with_the_same_name_are_told_apart(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    files = [Path("one.safetensors"), *(Path(f"runs/seed-{seed}/two/two.safetensors") for seed in (0, 1))]
+    files += [Path("shipped/two.safetensors"), Path("runs/../other/three.safetensors")]
+    assert row_names(files) == ["one", "seed-0/two/two", "seed-1/two/two", "shipped/two", "three"]
+    assert row_names([Path("/a.safetensors"), Path("/b/a.safetensors")]) == ["//a", "b/a"]
+    with pytest.raises(BadArgument, match=r"x/../one.safetensors is given twice"):
+        row_names([Path("x/../one.safetensors"), *files])
+
+
+def test_files_of_the_same_name_are_rows_of_their_own(tmp_path, monkeypatch):
+    files = tuple(write(tmp_path / folder / "same.safetensors", 1, seed) for seed, folder in enumerate("ab"))
+    monkeypatch.setattr(module, "_arena", lambda kind, rate, arguments, seen: Evaluation(WORLD, seen, 4, 0))
+    main(EvaluateArguments(files, tmp_path / "out", 4, kinds=("static",)))
+    results = json.loads((tmp_path / "out" / "evaluation.json").read_text())
+    assert list(results) == ["a/same", "b/same"]
+    assert "| b/same |" in (tmp_path / "out" / "evaluation.md").read_text()
+
+
+def test_without_torch_it_says_what_to_install():
+    code = "import sys, runpy; sys.modules['torch'] = None; sys.argv = ['evaluate', sys.argv[1]]; "
+    code += "runpy.run_module('train.navigation.evaluate', run_name='__main__')"
+    weights = str(WEIGHTS_FOLDER / "fusion.safetensors")
+    result = subprocess.run([sys.executable, "-c", code, weights], capture_output=True, text=True, check=False)
+    assert result.returncode == 2
+    assert result.stderr.count("\n") == 1
+    assert "needs the package 'torch': run pip install -e '.[train]'" in result.stderr
 
 
 @pytest.mark.parametrize("backward", [0.0, -0.6])

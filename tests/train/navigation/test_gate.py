@@ -203,7 +203,7 @@ def test_the_command(tmp_path, capsys):
         == (result["situations"]["all"]["decisions"])
     )
     assert result["success"] == {
-        kind: row["success"] for kind, row in evaluated(two, 8)["two"]["learned"].items()
+        kind: row["success"] for kind, row in evaluated(two, 8)["two"]["as it is"].items()
     }  # fmt: skip
     assert len(result["knock_outs"]) == 2 * len(SITUATIONS)
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
