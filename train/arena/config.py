@@ -3,6 +3,8 @@
 import math
 from dataclasses import dataclass, replace
 
+from eval.metrics import GOAL_TOLERANCE
+from vuca_nav.checks import check_counts, check_fields, check_not_negative, check_positive, check_ranges, check_shares
 from vuca_nav.errors import BadArgument
 
 KINDS = ("static", "dynamic", "mixed", "square", "corridor")
@@ -13,6 +15,8 @@ TRAINING_SEED = 1_000_000
 """First seed of the training worlds: evaluation has 0 to 999, so that no policy has seen what it is tested on."""
 MAX_LATENCY = 8
 """More ticks of latency than any stack has; commands are remembered for no longer."""
+MOST_MOVERS = 120
+"""In one world: more than any of ours has."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,10 +53,13 @@ class Imperfections:
         low, high = self.latency
         if not 0 <= low <= high <= MAX_LATENCY:
             raise BadArgument(f"latency {self.latency}: ticks from 0 to {MAX_LATENCY}, the first at most the second")
-        if not (0.0 <= self.dropout <= 1.0 and 0.0 <= self.empty_scan <= 1.0 and 0.0 <= self.response_spread < 1.0):
-            raise BadArgument("dropout and empty_scan are shares from 0 to 1, response_spread one below 1")
-        if self.pose_time <= 0.0:
-            raise BadArgument(f"pose_time {self.pose_time} s must be positive")
+        check_shares(self, "dropout", "empty_scan")
+        check_fields(self, "a share below 1", lambda share: 0.0 <= share < 1.0, "response_spread")
+        check_positive(self, "pose_time")
+        check_not_negative(
+            self, "range_sigma", "twist_sigma", "odometry_scale", "odometry_turn", "pose_sigma", "yaw_sigma",
+            "velocity_noise",
+        )  # fmt: skip
 
     @classmethod
     def none(cls) -> "Imperfections":
@@ -108,16 +115,15 @@ class ArenaConfig:
             weights = [getattr(self, name) for name in names]
             if min(weights) < 0.0 or not 0.0 < sum(weights) < math.inf:
                 raise BadArgument(f"weights of {', '.join(names)} must be 0 or more and not all 0, got {weights}")
-        for name in ("movers", "mover_speeds", "lengths"):
-            low, high = getattr(self, name)
-            if not 0 <= low <= high:
-                raise BadArgument(f"{name} {low, high}: the first must be at least 0 and at most the second")
-        if self.movers[1] > 120:
-            raise BadArgument(f"movers {self.movers}: at most 120")
-        if self.decision_rate < 1 or 30 % self.decision_rate:
-            raise BadArgument(f"decision_rate {self.decision_rate} Hz: 30 Hz must be a multiple of it")
-        if self.layouts < 1 or self.pairs < 1 or self.num_bodies < 1 or self.world_seed < 0:
-            raise BadArgument("layouts, pairs and num_bodies must be 1 or more, world_seed 0 or more")
+        check_ranges(self, "movers", "mover_speeds", "lengths")
+        check_fields(self, f"at most {MOST_MOVERS}", lambda pair: pair[1] <= MOST_MOVERS, "movers")
+        reached = f"in part beyond the {GOAL_TOLERANCE} m within which a goal counts as reached"
+        check_fields(self, reached, lambda pair: pair[1] > GOAL_TOLERANCE, "lengths")
+        check_fields(self, "a divisor of 30 Hz", lambda rate: rate >= 1 and 30 % rate == 0, "decision_rate")
+        check_counts(self, "num_beams", "layouts", "pairs", "num_bodies")
+        check_not_negative(self, "world_seed", "time_slack")
+        check_shares(self, "patrols", "pausing")
+        check_positive(self, "time_factor")
 
     def of(self, kind: str) -> "ArenaConfig":
         """The same with only this kind of world.

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from torchrl.modules import ProbabilisticActor, ValueOperator
 
 from train.ppo_common import DiagonalNormal
-from vuca_nav.errors import BadArgument
+from vuca_nav.checks import check_counts, check_fields
 
 ACTION_SIZE = 3
 """Shares of the body's limits of v_x, v_y and w_z."""
@@ -38,11 +38,9 @@ class NetworkConfig:
 
     def __post_init__(self) -> None:
         """Raises BadArgument for what is out of its range."""
-        sizes = (self.experts, self.hidden, self.gate, self.critic)
-        if min(sizes) < 1:
-            raise BadArgument(f"experts and hidden units must be 1 or more, got {sizes}")
-        if not math.exp(_LEAST_LOG_STD) <= self.initial_std <= math.exp(_MOST_LOG_STD):
-            raise BadArgument(f"initial_std must be {math.exp(_LEAST_LOG_STD):.2f} to 1, got {self.initial_std}")
+        check_counts(self, "experts", "hidden", "gate", "critic")
+        least, most = math.exp(_LEAST_LOG_STD), math.exp(_MOST_LOG_STD)
+        check_fields(self, f"{least:.2f} to {most:g}", lambda std: least <= std <= most, "initial_std")
 
 
 class FusedLinear(nn.Module):

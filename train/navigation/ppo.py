@@ -19,6 +19,7 @@ from train.navigation.rewards import TERMS, RewardWeights, reward_terms
 from train.navigation.skills import SKILLS, skill_labels
 from train.navigation.team import Alone
 from train.ppo_common import advantages, log_prob
+from vuca_nav.checks import check_counts, check_fields, check_not_negative, check_positive
 from vuca_nav.errors import BadArgument
 from vuca_nav.policy.observation import ObservationConfig
 from vuca_nav.types import FloatArray
@@ -64,22 +65,13 @@ class PpoConfig:
 
     def __post_init__(self) -> None:
         """Raises BadArgument for what is out of its range."""
-        counts = (self.worlds, self.horizon, self.minibatch, self.epochs)
-        if min(counts) < 1 or self.minibatch > self.worlds * self.horizon:
-            raise BadArgument(
-                f"worlds, horizon, minibatch and epochs must be 1 or more and a minibatch no more than a batch, "
-                f"{self.worlds} x {self.horizon} decisions; got {counts}"
-            )
-        shares = (self.gamma, self.lambda_, self.clip)
-        if not all(0.0 < share <= 1.0 for share in shares):
-            raise BadArgument(f"gamma, lambda and clip must be above 0 and at most 1, got {shares}")
-        positive = (self.first_rate, self.last_rate, self.gate_rate, self.reward_scale, self.max_gradient)
-        if not all(0.0 < value < math.inf for value in positive):
-            raise BadArgument(
-                f"first_rate, last_rate, gate_rate, reward_scale and max_gradient must be positive, got {positive}"
-            )
-        if not (0.0 <= self.entropy < math.inf and 0.0 <= self.gate_information < math.inf and self.critic_first >= 0):
-            raise BadArgument("entropy, gate_information and critic_first must be 0 or more")
+        check_counts(self, "worlds", "horizon", "minibatch", "epochs")
+        batch = self.worlds * self.horizon
+        right = f"no more than a batch, {self.worlds} worlds x {self.horizon} decisions = {batch}"
+        check_fields(self, right, lambda minibatch: minibatch <= batch, "minibatch")
+        check_fields(self, "above 0 and at most 1", lambda share: 0.0 < share <= 1.0, "gamma", "lambda_", "clip")
+        check_positive(self, "first_rate", "last_rate", "gate_rate", "reward_scale", "max_gradient")
+        check_not_negative(self, "entropy", "gate_information", "critic_first")
 
 
 class BaseLearner(ABC):

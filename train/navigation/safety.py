@@ -28,6 +28,7 @@ from train.navigation.networks import NetworkConfig, make_critic
 from train.navigation.safety_samples import Samples, cross_entropy, judge, play
 from train.navigation.weights import actor_of, sorted_header
 from train.run_directory import CHECKPOINT, LOG, load_checkpoint, open_run, read_log, save_checkpoint, write_log
+from vuca_nav.checks import check_counts, check_fields, check_positive, check_shares
 from vuca_nav.errors import BadArgument
 from vuca_nav.files import write_whole
 from vuca_nav.policy.safety import FORMAT
@@ -67,12 +68,11 @@ class SafetyConfig:
 
     def __post_init__(self) -> None:
         """Raises BadArgument for what is out of its range."""
-        whole = (self.rounds, self.episodes, self.passes, self.spacing, self.hidden, self.minibatch)
-        first, last = self.sent_elsewhere
-        if min(whole) < 1 or not 0 <= first < last:
-            raise BadArgument(f"rounds, episodes, passes, ... must be 1 or more, sent_elsewhere A < B, got {self}")
-        if not (self.time > 0.0 and self.rate > 0.0 and 0.0 <= self.sent <= 1.0):
-            raise BadArgument(f"time and rate must be positive, sent a share from 0 to 1, got {self}")
+        check_counts(self, "rounds", "episodes", "passes", "spacing", "hidden", "minibatch")
+        right = "two whole numbers, the first 0 or more and the second greater"
+        check_fields(self, right, lambda pair: 0 <= pair[0] < pair[1], "sent_elsewhere")
+        check_positive(self, "time", "rate")
+        check_shares(self, "sent")
 
 
 class SafetyTraining:

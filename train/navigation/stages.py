@@ -1,12 +1,13 @@
 """What can be trained: a row for each policy."""
 
-import math
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from train.arena.config import ArenaConfig
 from train.navigation.networks import NetworkConfig
 from train.navigation.ppo import PpoConfig
-from vuca_nav.errors import BadArgument, UnknownName
+from vuca_nav.checks import check_counts, check_fields, check_not_negative
+from vuca_nav.errors import UnknownName
 from vuca_nav.policy.observation import ObservationConfig
 
 
@@ -15,6 +16,7 @@ class StageConfig:
     """A policy to be trained."""
 
     name: str
+    """Of its directory below ``--out``, and of its files there."""
     about: str
     """A sentence for its page."""
     rewards: str
@@ -32,8 +34,10 @@ class StageConfig:
 
     def __post_init__(self) -> None:
         """Raises BadArgument for what is out of its range."""
-        if self.steps < 1 or not 0.0 <= self.copy_noise < math.inf:
-            raise BadArgument(f"steps must be 1 or more, copy_noise 0 or more, got {self.steps}, {self.copy_noise}")
+        right = "the plain name of a file, without a path"
+        check_fields(self, right, lambda name: name not in ("", ".", "..") and Path(name).name == name, "name")
+        check_counts(self, "steps")
+        check_not_negative(self, "copy_noise")
 
 
 _PAPER, _TRACKED = ObservationConfig(), ObservationConfig(kind="tracked")

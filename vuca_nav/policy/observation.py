@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from vuca_nav.checks import check_fields, check_positive
 from vuca_nav.errors import BadArgument
 from vuca_nav.policy.tracks import DIRECTIONS, SLOT_SIZE, SLOTS, SPEEDS, Tracker
 from vuca_nav.types import BodySpec, FloatArray
@@ -54,13 +55,9 @@ class ObservationConfig:
 
     def __post_init__(self) -> None:
         """Raises BadArgument for what is out of its range."""
-        whole = isinstance(self.sectors, int) and isinstance(self.history, int)
-        if not whole or not 1 <= self.sectors <= MOST_SECTORS or not 1 <= self.history <= MOST_HISTORY:
-            raise BadArgument(
-                f"an observation needs 1 to {MOST_SECTORS} sectors and 1 to {MOST_HISTORY} past scans, got {self}"
-            )
-        if not (0.0 < self.max_range < math.inf and 0.0 < self.spacing < math.inf):
-            raise BadArgument(f"an observation's max_range and spacing must be positive, got {self}")
+        for name, most in (("sectors", MOST_SECTORS), ("history", MOST_HISTORY)):
+            check_fields(self, f"1 to {most}", lambda n, most=most: isinstance(n, int) and 1 <= n <= most, name)
+        check_positive(self, "max_range", "spacing")
         if self.kind not in get_args(Kind):
             raise BadArgument(f"an observation is of kind {' or '.join(get_args(Kind))}, got {self.kind!r}")
 

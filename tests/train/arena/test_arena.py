@@ -251,17 +251,30 @@ def test_training_and_evaluation_have_different_layouts():
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"movers": (5, 3)}, {"decision_rate": 7}, {"static": -1.0}, {"layouts": 0}, dict.fromkeys(BODY_KINDS, 0.0)],
-)
+    [
+        {"movers": (5, 3)}, {"movers": (5, 121)}, {"mover_speeds": (0.2, math.inf)}, {"decision_rate": 7},
+        {"decision_rate": 0}, {"static": -1.0}, {"layouts": 0}, dict.fromkeys(BODY_KINDS, 0.0), {"num_beams": 0},
+        {"patrols": -0.1}, {"pausing": 2.0}, {"pausing": math.nan}, {"time_factor": 0.0}, {"time_slack": -1.0},
+        {"lengths": (0.0, 0.0)}, {"lengths": (1.5, math.inf)}, {"world_seed": -1},
+    ],
+)  # fmt: skip
 def test_bad_configurations_are_refused(wrong):
-    with pytest.raises(BadArgument):
+    with pytest.raises(BadArgument, match=next(iter(wrong))) as caught:
         ArenaConfig(**wrong)
+    assert len(str(caught.value)) < 120
 
 
-@pytest.mark.parametrize("wrong", [{"latency": (0, 99)}, {"latency": (2, 1)}, {"dropout": 1.5}, {"pose_time": 0.0}])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"latency": (0, 99)}, {"latency": (2, 1)}, {"dropout": 1.5}, {"pose_time": 0.0}, {"range_sigma": -1.0},
+        {"yaw_sigma": math.inf}, {"velocity_noise": math.nan}, {"response_spread": 1.0}, {"odometry_turn": -0.1},
+    ],
+)  # fmt: skip
 def test_bad_imperfections_are_refused(wrong):
-    with pytest.raises(BadArgument):
+    with pytest.raises(BadArgument, match=next(iter(wrong))) as caught:
         Imperfections(**wrong)
+    assert len(str(caught.value)) < 120
 
 
 def test_bad_actions_are_refused():

@@ -1,5 +1,6 @@
 import dataclasses
 import json
+import re
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from train.navigation.networks import NetworkConfig
 from train.navigation.ppo import Learner, PpoConfig
 from train.navigation.rewards import REWARDS
 from train.navigation.run import RunConfig, Training
+from train.navigation.safety import SafetyConfig
 from train.navigation.skills import skill_labels
 from train.navigation.stages import STAGES, StageConfig
 from train.navigation.team import Alone, Team
@@ -257,11 +259,21 @@ def test_worlds_must_be_shared_out_evenly(tmp_path):
     [
         (PPO, "worlds", 0), (PPO, "minibatch", 129), (PPO, "gamma", 1.5), (PPO, "first_rate", float("nan")),
         (PPO, "entropy", -1.0), (NETWORK, "hidden", 0), (NETWORK, "initial_std", 0.0), (STAGE, "steps", 0),
+        (STAGE, "copy_noise", float("nan")), (SMALL, "sectors", 0), (SMALL, "max_range", float("inf")),
+        (SafetyConfig(), "rounds", 0), (SafetyConfig(), "time", float("inf")), (SafetyConfig(), "rate", float("inf")),
+        (SafetyConfig(), "sent", 1.5), (SafetyConfig(), "sent_elsewhere", (5, 5)),
     ],
 )  # fmt: skip
 def test_settings_out_of_their_range(config, field, value):
-    with pytest.raises(BadArgument, match=field.partition("_")[0]):
+    with pytest.raises(BadArgument, match=f"^{field} must be .*, got {re.escape(repr(value))}$") as caught:
         dataclasses.replace(config, **{field: value})
+    assert len(str(caught.value)) < 120
+
+
+@pytest.mark.parametrize("name", ["../evil", "a/b", "/a", "a/", "..", ".", ""])
+def test_a_policy_stays_in_its_directory(name):
+    with pytest.raises(BadArgument, match="name must be the plain name of a file, without a path"):
+        dataclasses.replace(STAGE, name=name)
 
 
 def test_every_policy_comes_after_those_it_starts_from():
