@@ -3,22 +3,32 @@
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import tyro
 
 from vuca_nav.cli import parse
-from vuca_nav.errors import BadArgument
+from vuca_nav.errors import BadArgument, UnknownName
+
+TRAINABLE = {
+    "locomotion": "a quadruped's gait, over batched MuJoCo",
+    "go_straight": "the paper's expert for what stands",
+    "obstacle_avoidance": "the paper's expert for what moves; starts as go_straight",
+    "single": "one network that sees what the paper's do: what fusing must beat",
+    "fusion": "the paper's policy, four networks fused by a gate; starts as the two experts",
+    "base_plus": "one network that sees tracks of what moves",
+    "single_plus": "one network, trained on from base_plus",
+    "fusion_plus": "four networks fused by a gate that is taught; starts as base_plus",
+    "safety": "the critic of V^h, from episodes that fusion_plus drives",
+    "all": "everything but locomotion, one after another",
+}
+"""What there is to be trained; everything but the gait in the batched arena. Here, so that help needs no torch."""
 
 
 @dataclass(frozen=True)
-class TrainArguments:
-    """Train a policy from scratch; interrupted, go on with --resume."""
+class LocomotionArguments:
+    """Train a quadruped's gait over batched MuJoCo; interrupted, go on with --resume."""
 
-    what: tyro.conf.Positional[Literal["locomotion"]]
-    """What to train: locomotion, a quadruped's gait. Navigation policies have settings of their own: see
-    vuca train go_straight --help; they are go_straight, obstacle_avoidance, single, fusion, base_plus, single_plus and
-    fusion_plus; safety, the critic of V^h; or all."""
     robot: str = "go2"
     """A quadruped's name."""
     out: Path | None = None
@@ -33,12 +43,34 @@ class TrainArguments:
 
 
 def train(argv: list[str]) -> int:
-    """Train a gait over batched MuJoCo or a navigation policy in the batched arena, to weights a mission can load."""
-    if argv and not argv[0].startswith("-") and argv[0] != "locomotion":
-        from train.navigation.commands import train_navigation
+    """Train a gait, navigation policies or the critic of V^h, to weights a mission can load."""
+    if not argv:
+        raise BadArgument(f"give what to train: {', '.join(TRAINABLE)} (see vuca train --help)")
+    what = argv[0]
+    if what in ("-h", "--help"):
+        print(_overview())
+        return 0
+    if what.startswith("-"):
+        raise BadArgument(f"what to train comes first, before {what}: {', '.join(TRAINABLE)} (see vuca train --help)")
+    if what not in TRAINABLE:
+        raise UnknownName("policy to train", what, TRAINABLE)
+    if what == "locomotion":
+        return _train_locomotion(argv[1:])
+    from train.navigation.commands import train_navigation
 
-        return train_navigation(argv[0], argv[1:])
-    arguments = parse(TrainArguments, "train", argv)
+    return train_navigation(what, argv[1:])
+
+
+def _overview() -> str:
+    """The help of ``vuca train`` itself."""
+    width = max(map(len, TRAINABLE))
+    lines = ["usage: vuca train WHAT [OPTIONS]", "", f"{(train.__doc__ or '').strip()}", "", "what:"]
+    lines += [f"  {name:{width}}  {description}" for name, description in TRAINABLE.items()]
+    return "\n".join([*lines, "", "vuca train WHAT --help tells about one of them, with all its settings."])
+
+
+def _train_locomotion(argv: list[str]) -> int:
+    arguments = parse(LocomotionArguments, "train locomotion", argv)
     if arguments.steps is not None and arguments.steps < 1:
         raise BadArgument(f"--steps must be 1 or more, got {arguments.steps}")
     if arguments.seed < 0:

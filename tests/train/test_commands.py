@@ -1,6 +1,7 @@
 import pytest
 
 from robots.go2 import GO2
+from train.commands import TRAINABLE
 from vuca_nav.cli import main
 
 
@@ -60,3 +61,36 @@ def test_bad_arguments_are_one_line(tmp_path, monkeypatch, capsys, bad, named):
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert named in error
+
+
+def test_help_names_all_that_can_be_trained(capsys):
+    from train.navigation.stages import STAGES
+
+    assert set(TRAINABLE) == {"locomotion", *STAGES, "safety", "all"}
+    assert main(["train", "--help"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "usage: vuca train WHAT [OPTIONS]"
+    for name in TRAINABLE:
+        assert any(line.startswith(f"  {name} ") and len(line) > 30 for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("train", f"give what to train: {', '.join(TRAINABLE)} "),
+        ("train --seed 1 locomotion", "what to train comes first, before --seed: locomotion, "),
+        ("train go_strait", "'go_strait'; did you mean 'go_straight'?"),
+    ],
+)
+def test_what_to_train_must_be_named(line, said, capsys):
+    assert main(line.split()) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert said in error
+
+
+def test_help_of_the_gait(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["train", "locomotion", "--help"])
+    assert ended.value.code == 0
+    assert "--threads" in capsys.readouterr().out

@@ -114,7 +114,7 @@ def find_stage(name: str) -> StageConfig:
         UnknownName: If there is no such stage.
     """
     if name not in STAGES:
-        raise UnknownName("policy", name, (*STAGES, "safety", "all", "locomotion"))
+        raise UnknownName("policy", name, STAGES)
     return STAGES[name]
 
 
