@@ -10,7 +10,7 @@ from typing import Annotated
 import tyro
 
 from train.navigation.environment import ArenaEnvironment
-from train.navigation.run import Collector, RunConfig, Training
+from train.navigation.run import Collector, RunConfig, Training, even_workers
 from train.navigation.safety import NAME as SAFETY
 from train.navigation.safety import SafetyConfig, SafetyTraining
 from train.navigation.stages import EVERYTHING, StageConfig, find_stage, from_scratch
@@ -36,8 +36,8 @@ class RunArguments:
 class SafetyArguments(RunArguments):
     """Train the critic of V^h on what comes of episodes in the batched arena."""
 
-    workers: Annotated[int, tyro.conf.arg(metavar="N")] = field(default_factory=lambda: len(os.sched_getaffinity(0)))
-    """Threads that step the arena, a core each; the weights do not depend on it."""
+    workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    """Threads that step the arena, by default one for each core; the weights do not depend on it."""
     config: SafetyConfig = field(default_factory=SafetyConfig)
 
 
@@ -45,9 +45,9 @@ class SafetyArguments(RunArguments):
 class NavigationArguments(RunArguments):
     """Train navigation policies in the batched arena."""
 
-    workers: Annotated[int, tyro.conf.arg(metavar="N")] = field(default_factory=lambda: len(os.sched_getaffinity(0)))
-    """Processes that learn together, a core each; by default as many as there are cores. Another number gives other
-    weights."""
+    workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    """Processes that learn together, a core each; by default as many as there are cores and share out worlds and
+    minibatches evenly. Another number gives other weights."""
     collector: Collector = "local"
     """Where the worlds are: local, or on a Ray cluster (found by RAY_ADDRESS, else started here), N workers of it."""
     from_scratch: bool = False
@@ -93,7 +93,10 @@ def _train(stage: StageConfig, arguments: NavigationArguments, command: str) -> 
     if arguments.from_scratch:
         stage = from_scratch(stage)
     sources = tuple(arguments.out / source / f"{source}.safetensors" for source in stage.sources)
-    run = RunConfig(arguments.seed, arguments.workers, sources, command, arguments.collector)
+    workers = arguments.workers
+    if workers is None:
+        workers = even_workers(stage.ppo, _cores())[-1]
+    run = RunConfig(arguments.seed, workers, sources, command, arguments.collector)
     training = Training(stage, run, arguments.out / stage.name, ArenaEnvironment, resume=arguments.resume)
     training.run()
     print(f"weights: {training.weights}")
@@ -106,12 +109,17 @@ def _train_safety(config: SafetyConfig, arguments: NavigationArguments | SafetyA
     if shipped.is_file() and not policy.is_file():
         print(f"{SAFETY}: no {policy}, so the shipped {config.policy} drives", file=sys.stderr)
         policy = shipped
-    threads = min(arguments.workers, os.cpu_count() or 1)  # collectors on other machines do not help here
+    # Collectors on other machines do not help here.
+    threads = _cores() if arguments.workers is None else min(arguments.workers, os.cpu_count() or 1)
     training = SafetyTraining(
         config, arguments.seed, policy, arguments.out / SAFETY, threads, command, resume=arguments.resume
     )
     training.run()
     print(f"weights: {training.weights}")
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0))
 
 
 def _check_seed(seed: int) -> None:

@@ -20,7 +20,7 @@ from tqdm import tqdm
 from train.navigation.card import write_card
 from train.navigation.curves import draw_curves
 from train.navigation.environment import Environment, MakeEnvironment
-from train.navigation.ppo import BaseLearner, Learner
+from train.navigation.ppo import BaseLearner, Learner, PpoConfig
 from train.navigation.rewards import find_rewards
 from train.navigation.stages import StageConfig
 from train.navigation.team import Alone, Team
@@ -211,14 +211,21 @@ def _work(rank: int, training: Training, environments: Sequence[Environment], me
         team.close()
 
 
+def even_workers(ppo: PpoConfig, most: int) -> list[int]:
+    """Numbers of workers, up to ``most``, that share out worlds and minibatches evenly; 1 always does."""
+    return [n for n in range(1, most + 1) if ppo.worlds % n == 0 and ppo.minibatch % n == 0]
+
+
 def _check(stage: StageConfig, run: RunConfig) -> None:
     find_rewards(stage.rewards)
-    if run.workers < 1 or (run.collector == "local" and run.workers > (os.cpu_count() or 1)):
-        raise BadArgument(f"--workers must be 1 to {os.cpu_count()}, got {run.workers}")
+    most = (os.cpu_count() or 1) if run.collector == "local" else stage.ppo.worlds
+    if not 1 <= run.workers <= most:
+        raise BadArgument(f"--workers must be 1 to {most}, got {run.workers}")
     if run.collector == "ray" and importlib.util.find_spec("ray") is None:
         raise BadArgument(f"--collector ray needs Ray: {how_to_install('distributed')}")
-    if stage.ppo.worlds % run.workers or stage.ppo.minibatch % run.workers:
+    even = even_workers(stage.ppo, most)
+    if run.workers not in even:
         raise BadArgument(
-            f"{stage.ppo.worlds} worlds and minibatches of {stage.ppo.minibatch} must be multiples of the "
-            f"{run.workers} workers"
+            f"--workers {run.workers} cannot share out {stage.ppo.worlds} worlds and minibatches of "
+            f"{stage.ppo.minibatch} evenly; {', '.join(map(str, even))} can"
         )

@@ -10,10 +10,11 @@ from torch.multiprocessing.spawn import start_processes
 from tests.train.navigation.open_ground import OpenGround
 from train.arena.config import ArenaConfig
 from train.navigation import run as run_module
+from train.navigation.commands import train_navigation
 from train.navigation.networks import NetworkConfig
 from train.navigation.ppo import Learner, PpoConfig
 from train.navigation.rewards import REWARDS
-from train.navigation.run import RunConfig, Training
+from train.navigation.run import RunConfig, Training, _check
 from train.navigation.safety import SafetyConfig
 from train.navigation.skills import skill_labels
 from train.navigation.stages import STAGES, StageConfig
@@ -248,10 +249,33 @@ def test_bad_workers(tmp_path, workers, what):
         Training(STAGE, RunConfig(0, workers, ()), tmp_path, OpenGround)
 
 
-def test_worlds_must_be_shared_out_evenly(tmp_path):
-    stage = dataclasses.replace(STAGE, ppo=dataclasses.replace(PPO, worlds=15))
-    with pytest.raises(BadArgument, match="15 worlds"):
-        Training(stage, RunConfig(0, 2, ()), tmp_path, OpenGround)
+def test_worlds_must_be_shared_out_evenly(tmp_path, monkeypatch):
+    monkeypatch.setattr("os.cpu_count", lambda: 12)
+    stage = dataclasses.replace(STAGE, ppo=dataclasses.replace(PPO, worlds=12))
+    message = "--workers 3 cannot share out 12 worlds and minibatches of 32 evenly; 1, 2, 4 can"
+    with pytest.raises(BadArgument, match=message):
+        Training(stage, RunConfig(0, 3, ()), tmp_path, OpenGround)
+
+
+@pytest.mark.parametrize(("cores", "workers"), [(1, 1), (3, 2), (6, 4), (7, 4), (10, 8), (12, 8), (100, 64)])
+def test_by_default_as_many_workers_as_cores_that_share_out_evenly(cores, workers, tmp_path, monkeypatch):
+    class Run:
+        weights = "there"
+
+        def __init__(self, stage, run, *_, resume):
+            _check(stage, run)
+            started.append(run.workers)
+
+        def run(self):
+            pass
+
+    started = []
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: set(range(cores)))
+    monkeypatch.setattr("os.cpu_count", lambda: cores)
+    monkeypatch.setattr("train.navigation.commands.Training", Run)
+    for name in STAGES:
+        assert train_navigation(name, ["--out", str(tmp_path)]) == 0
+    assert started == [workers] * len(STAGES)
 
 
 @pytest.mark.parametrize(
