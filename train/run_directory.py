@@ -35,9 +35,12 @@ def open_run(out: Path, contract: dict, *, resume: bool) -> None:
     if not resume:
         raise BadArgument(f"{out} holds a training run; go on with it by --resume, or give another --out")
     try:
-        differing = _differences(json.loads(config.read_text()), contract)
+        begun = json.loads(config.read_text())
     except (OSError, ValueError) as error:
         raise BadArgument(f"{config} cannot be read: {error}; give another --out") from error
+    if not isinstance(begun, dict):
+        raise BadArgument(f"{config} is not the configuration of a run, which is a JSON object; give another --out")
+    differing = _differences(begun, contract)
     if differing:
         raise BadArgument(f"{out} holds a run that differs in {', '.join(differing)}; give another --out")
 
@@ -62,14 +65,53 @@ def load_checkpoint(checkpoint: Path, names: Sequence[str]) -> dict:
         raise BadArgument(f"{checkpoint} is not a checkpoint that can be read: {error}") from error
 
 
-def read_log(log: Path) -> list[dict]:
-    """A run's log; a last line that was torn off is left out."""
-    lines = log.read_text().splitlines()
-    rows = [json.loads(line) for line in lines[:-1]]
+def read_log(log: Path, last: int | None = None, *, counter: str = "iteration") -> list[dict]:
+    """A run's log; a last line that was torn off is left out.
+
+    Args:
+        log: JSON lines as a run writes them.
+        last: Only the rows up to this one. What came after a checkpoint is lost, and will come again.
+        counter: The field that numbers them.
+
+    Raises:
+        BadArgument: If it cannot be read, or a line is not a row.
+    """
     try:
-        return [*rows, *(json.loads(line) for line in lines[-1:])]
-    except json.JSONDecodeError:
-        return rows
+        lines = log.read_text().splitlines()
+    except (OSError, ValueError) as error:
+        raise BadArgument(f"{log} cannot be read: {error}; put it back, or give another --out") from error
+    rows = []
+    for number, line in enumerate(lines, start=1):
+        try:
+            row = json.loads(line)
+        except ValueError:
+            if number == len(lines):
+                break
+            row = None
+        if not isinstance(row, dict) or not isinstance(row.get(counter), int):
+            raise BadArgument(f"{log}:{number} is not a row of a log; put it back as it was, or give another --out")
+        rows.append(row)
+    return rows if last is None else [row for row in rows if row[counter] <= last]
+
+
+def read_whole_log(log: Path, last: int, *, counter: str = "iteration") -> list[dict]:
+    """A run's log up to its checkpoint, with a row for each iteration.
+
+    Args:
+        log: JSON lines as a run writes them.
+        last: The checkpoint's iteration.
+        counter: The field that numbers them from 1.
+
+    Raises:
+        BadArgument: If it cannot be read, a line is not a row, or a row is missing.
+    """
+    rows = read_log(log, last, counter=counter)
+    if [row[counter] for row in rows] != list(range(1, last + 1)):
+        raise BadArgument(
+            f"{log} does not have the rows of {counter} 1 to {last} that its checkpoint comes after; put it back as it "
+            "was, or give another --out"
+        )
+    return rows
 
 
 def write_log(log: Path, rows: Sequence[dict]) -> None:

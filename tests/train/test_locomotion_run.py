@@ -121,6 +121,9 @@ def test_a_log_that_goes_beyond_the_checkpoint_is_cut(tmp_path):
         log.write(json.dumps({"iteration": 3, "seconds": 9.0}) + '\n{"iter')
     Training(GO2, tiny(2), tmp_path, resume=True)
     assert [row["iteration"] for row in rows_of(tmp_path)] == [1, 2]
+    (tmp_path / "log.jsonl").write_text("garbage\n" * 2)
+    with pytest.raises(BadArgument, match=r"log\.jsonl:1 is not a row"):
+        Training(GO2, tiny(2), tmp_path, resume=True)
 
 
 def test_a_broken_checkpoint_is_refused(tmp_path):

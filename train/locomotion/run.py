@@ -91,7 +91,7 @@ class Training:
 
     Raises:
         BadArgument: If ``out`` cannot be written to, or holds a run and it shall not be resumed, or holds none and
-            it shall, or one that cannot be read or is of another robot, gait or config.
+            it shall, or one whose checkpoint or log cannot be read or that is of another robot, gait or config.
     """
 
     def __init__(
@@ -135,7 +135,7 @@ class Training:
             raise BadArgument(f"{checkpoint} does not fit the networks of this run: {error}") from error
         log = self.out / LOG
         if log.exists():  # what came after the checkpoint is lost, and will come again
-            write_log(log, [row for row in read_log(log) if row["iteration"] <= self.learner.iteration])
+            write_log(log, read_log(log, self.learner.iteration))
 
     def _contract(self) -> dict[str, str | int]:
         """What a run must have in common with the one it goes on with: everything its weights depend on."""

@@ -25,7 +25,16 @@ from train.navigation.rewards import find_rewards
 from train.navigation.stages import StageConfig
 from train.navigation.team import Alone, Team
 from train.navigation.weights import export, find_sources, start_from
-from train.run_directory import CHECKPOINT, LOG, load_checkpoint, open_run, read_log, save_checkpoint, write_log
+from train.run_directory import (
+    CHECKPOINT,
+    LOG,
+    load_checkpoint,
+    open_run,
+    read_log,
+    read_whole_log,
+    save_checkpoint,
+    write_log,
+)
 from vuca_nav.errors import BadArgument, how_to_install
 
 Collector = Literal["local", "ray"]
@@ -87,10 +96,14 @@ class Training:
         """Train until all steps are made.
 
         An interrupted run loses what it did since its last checkpoint.
+
+        Raises:
+            BadArgument: If checkpoint or log of a run that is gone on with are damaged.
         """
         run = self.run_config
         if (self.out / CHECKPOINT).exists():
             state = load_checkpoint(self.out / CHECKPOINT, ("steps", "elapsed"))
+            read_whole_log(self.out / LOG, state["steps"] // (self.stage.ppo.worlds * self.stage.ppo.horizon))
             if state["steps"] >= self.stage.steps:
                 if not self.weights.with_suffix(".md").exists():  # killed between the last checkpoint and the page
                     self.describe(state["steps"], state["elapsed"])
@@ -171,8 +184,7 @@ class _Reporter:
 
     def __init__(self, training: Training, learner: BaseLearner, steps: int):
         log = training.out / LOG
-        if log.exists():  # what came after the checkpoint is lost, and will come again
-            write_log(log, [row for row in read_log(log) if row["iteration"] <= learner.iteration])
+        write_log(log, read_log(log, learner.iteration) if learner.iteration else [])
         self._learner = learner
         self._log = log.open("a", buffering=1)
         self._writer = SummaryWriter(str(training.out / "tensorboard"), purge_step=steps)

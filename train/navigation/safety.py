@@ -27,7 +27,7 @@ from train.navigation.mirror import observation_mirror
 from train.navigation.networks import NetworkConfig, make_critic
 from train.navigation.safety_samples import Samples, cross_entropy, judge, play
 from train.navigation.weights import actor_of, sorted_header
-from train.run_directory import CHECKPOINT, LOG, load_checkpoint, open_run, read_log, save_checkpoint, write_log
+from train.run_directory import CHECKPOINT, LOG, load_checkpoint, open_run, read_whole_log, save_checkpoint, write_log
 from vuca_nav.checks import check_counts, check_fields, check_positive, check_shares
 from vuca_nav.errors import BadArgument
 from vuca_nav.files import write_whole
@@ -109,21 +109,24 @@ class SafetyTraining:
         return self.out / f"{NAME}.safetensors"
 
     def run(self) -> None:
-        """All rounds that are left."""
+        """All rounds that are left.
+
+        Raises:
+            BadArgument: If checkpoint or log of a run that is gone on with are damaged.
+        """
         torch.set_num_threads(1)
         config, observation = self.config, self.policy.observation
         sizes, generator = NetworkConfig(critic=config.hidden), torch.Generator().manual_seed(self.seed)
         network = make_critic(observation.size, sizes, generator)
         optimiser = torch.optim.Adam(network.parameters(), config.rate)
-        done, elapsed = 0, 0.0
+        done, elapsed, rows = 0, 0.0, []
+        log = self.out / LOG
         if (self.out / CHECKPOINT).exists():
             state = load_checkpoint(self.out / CHECKPOINT, ("network", "optimiser", "done", "elapsed"))
             network.load_state_dict(state["network"])
             optimiser.load_state_dict(state["optimiser"])
             done, elapsed = state["done"], state["elapsed"]
-        log = self.out / LOG
-        # What came after the checkpoint is lost, and will come again.
-        rows = [row for row in read_log(log) if row["round"] <= done] if log.exists() else []
+            rows = read_whole_log(log, done, counter="round")
         if done == config.rounds and self.weights.with_suffix(".md").exists():
             return
         if done < config.rounds:

@@ -1,6 +1,7 @@
 import dataclasses
 import json
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -216,6 +217,46 @@ def test_the_same_seed_gives_the_same_bits_also_when_interrupted(tmp_path, monke
         assert (tmp_path / "whole" / name).exists()
     with pytest.raises(BadArgument, match=r"stage\.ppo\.gamma"):
         run(tmp_path / "whole", dataclasses.replace(STAGE, ppo=dataclasses.replace(PPO, gamma=0.9)), resume=True)
+
+
+def _damaged(out, name, content):
+    (out / name).unlink()
+    if content is not None:
+        (out / name).write_bytes(content)
+    return out
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    out = tmp_path_factory.mktemp("finished") / "run"
+    run(out)
+    (out / "tiny.md").unlink()  # as if it had been killed just before the end
+    return out
+
+
+@pytest.mark.parametrize(
+    "content", [None, b"", b"garbage\n" * 9, b"[]\n", b"null\n{}\n", b"\xff\n", b'{"iteration": 1}\n']
+)
+def test_a_damaged_log_is_told_in_one_line(finished, tmp_path, content):
+    out = _damaged(shutil.copytree(finished, tmp_path / "run"), "log.jsonl", content)
+    with pytest.raises(BadArgument, match=r"log\.jsonl.*; put it back.*, or give another --out$"):
+        run(out, resume=True)
+
+
+@pytest.mark.parametrize("content", [None, b"", b"[]", b"3", b"{", b"\xff"])
+def test_a_damaged_configuration_is_told_in_one_line(finished, tmp_path, content):
+    out = _damaged(shutil.copytree(finished, tmp_path / "run"), "config.json", content)
+    with pytest.raises(
+        BadArgument, match=r"config\.json (cannot be read|is not the configuration).*; give another --out$"
+    ):
+        run(out, resume=True)
+
+
+def test_a_log_that_came_to_no_checkpoint_is_begun_anew(tmp_path):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "log.jsonl").write_text("garbage\n" * 3)
+    run(tmp_path / "run")
+    assert [row["iteration"] for row in numbers(tmp_path / "run")] == [1, 2, 3, 4, 5, 6]
 
 
 def test_a_run_that_began_from_other_weights_is_not_gone_on_with(tmp_path):

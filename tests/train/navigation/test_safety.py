@@ -170,6 +170,21 @@ def test_a_run_that_is_gone_on_with_gives_the_same_bits(policy, tmp_path, monkey
     assert (tmp_path / "torn" / "safety.md").read_text().startswith("# safety\n")
 
 
+@pytest.mark.parametrize("damaged", [None, b"", b"garbage\n" * 3, b"[]\n", b"{}\n", b"\xff\xfe\n", b'{"round": 2}\n'])
+def test_a_damaged_log_is_told_in_one_line(policy, tmp_path, damaged):
+    def train(resume):
+        SafetyTraining(replace(TINY, rounds=1), 4, policy, tmp_path / "run", 1, "", resume=resume).run()
+
+    train(False)
+    log, page = tmp_path / "run" / "log.jsonl", tmp_path / "run" / "safety.md"
+    page.unlink()
+    log.unlink()
+    if damaged is not None:
+        log.write_bytes(damaged)
+    with pytest.raises(BadArgument, match=r"log\.jsonl.*; put it back.*, or give another --out$"):
+        train(True)
+
+
 def test_the_arenas_threads_are_let_go_also_when_it_is_interrupted(policy, tmp_path, monkeypatch):
     def interrupted(arena, *_):
         raise KeyboardInterrupt
