@@ -67,8 +67,8 @@ _ALL = (
     ),
     StageConfig(
         name="single",
-        about="One network of an expert's size, trained from scratch for the same as the fused one, in as many steps "
-        "but for those of its experts.",
+        about="One network of an expert's size, trained from scratch in the worlds of fusion, by its rewards and in as "
+        "many steps; but fusion starts from experts, which had 12 million before.",
         rewards="fusion", arena=ArenaConfig(), observation=_PAPER,
         network=NetworkConfig(), ppo=_SECOND_FROM_SCRATCH, steps=8_000_000,
     ),
@@ -120,5 +120,8 @@ def find_stage(name: str) -> StageConfig:
 
 def from_scratch(stage: StageConfig) -> StageConfig:
     """The same stage without anything to start from, and so without a gate that is taught while experts wait."""
+    if not stage.sources:
+        return stage
     ppo = replace(stage.ppo, critic_first=0, teach_gate=False, first_rate=_FIRST.first_rate)
-    return replace(stage, sources=(), ppo=ppo)
+    about = f"Networks, worlds and rewards of {stage.name}, but from random weights, with nothing taught to a gate."
+    return replace(stage, about=about, sources=(), ppo=ppo)

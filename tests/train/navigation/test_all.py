@@ -105,6 +105,7 @@ def test_all_of_them_one_after_another_killed_and_gone_on_with(tmp_path, tiny, c
 def test_every_stage_can_also_start_from_scratch(name, tiny):
     stage = from_scratch(STAGES[name])
     assert not stage.sources
+    assert "random weights" in stage.about or stage == STAGES[name]
     ground = OpenGround(stage, stage.ppo.worlds)
     mind = Learner(ground, stage.observation, stage.network, stage.ppo, find_rewards(stage.rewards), 0, Alone())
     mind.restart()
