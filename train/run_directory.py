@@ -9,10 +9,15 @@ import torch
 
 from vuca_nav.errors import BadArgument
 from vuca_nav.files import prepare_directory, write_whole
+from vuca_nav.provenance import commit
 
 CHECKPOINT = "checkpoint.pt"
 LOG = "log.jsonl"
 CONFIG = "config.json"
+NOTES = ("commits", "stage.about")
+"""What ``config.json`` tells beside that which a run depends on."""
+NOT_KNOWN = "not known"
+"""In place of a commit, of a run that began before commits were noted, or away from a checkout."""
 
 
 def open_run(out: Path, contract: dict, *, resume: bool) -> None:
@@ -40,9 +45,24 @@ def open_run(out: Path, contract: dict, *, resume: bool) -> None:
         raise BadArgument(f"{config} cannot be read: {error}; give another --out") from error
     if not isinstance(begun, dict):
         raise BadArgument(f"{config} is not the configuration of a run, which is a JSON object; give another --out")
-    differing = _differences(begun, contract)
+    differing = [place for place in _differences(begun, contract) if place not in NOTES]
     if differing:
         raise BadArgument(f"{out} holds a run that differs in {', '.join(differing)}; give another --out")
+
+
+def note_commit(out: Path) -> None:
+    """Note that a run goes on from here at the present commit."""
+    config = json.loads((out / CONFIG).read_text())
+    begun = read_commits(out) if (out / CHECKPOINT).exists() else []
+    now = commit() or NOT_KNOWN
+    config["commits"] = begun if begun[-1:] == [now] else [*begun, now]
+    write_whole(out / CONFIG, json.dumps(config, indent=2) + "\n")
+
+
+def read_commits(out: Path) -> list[str]:
+    """The commits that a run was at, one after another."""
+    commits = json.loads((out / CONFIG).read_text()).get("commits")
+    return [str(at) for at in commits] if isinstance(commits, list) and commits else [NOT_KNOWN]
 
 
 def save_checkpoint(out: Path, state: dict) -> None:

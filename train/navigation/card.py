@@ -1,6 +1,7 @@
 """The page that goes with weights: what they are, how they came about, what they did in training."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,14 +18,16 @@ if TYPE_CHECKING:
 
 
 def write_card(
-    path: Path, stage: StageConfig, run: "RunConfig", steps: int, seconds: float, log: list[dict[str, float]]
-) -> None:
+    path: Path, stage: StageConfig, run: "RunConfig", commits: Sequence[str], steps: int, seconds: float,
+    log: list[dict[str, float]],
+) -> None:  # fmt: skip
     """Write the Markdown page of a finished run.
 
     Args:
         path: ``.md``.
         stage: What was learnt.
         run: From what, by whom.
+        commits: At which it ran, one after another.
         steps: Decisions made.
         seconds: The training took.
         log: Its rows.
@@ -43,6 +46,7 @@ def write_card(
         f"A local navigation policy. {stage.about}",
         "",
         f"- Command: `{run.command}`, torch {torch.__version__}; seed {run.seed}, {run.workers} workers",
+        f"- Commit: {', then '.join(commits)}",
         f"- Steps: {steps:,} decisions at {stage.arena.decision_rate:g} Hz in {seconds / 60:.1f} minutes "
         f"({steps / max(seconds, 1e-9):,.0f} a second)",
         f"- Started from: {sources}",
@@ -68,8 +72,9 @@ def write_card(
 
 
 def write_safety_card(
-    path: Path, config: "SafetyConfig", command: str, seed: int, seconds: float, log: list[dict]
-) -> None:
+    path: Path, config: "SafetyConfig", command: str, seed: int, commits: Sequence[str], seconds: float,
+    log: list[dict],
+) -> None:  # fmt: skip
     """Write the Markdown page of a finished critic of V^h.
 
     Args:
@@ -77,6 +82,7 @@ def write_safety_card(
         config: What was learnt, and how.
         command: What was typed.
         seed: Of everything.
+        commits: At which it ran, one after another.
         seconds: The training took.
         log: Its rows.
     """
@@ -89,6 +95,7 @@ def write_safety_card(
         "robot sees now. It rates where the ways to frontiers lead first.",
         "",
         f"- Command: `{command}`, torch {torch.__version__}; seed {seed}",
+        f"- Commit: {', then '.join(commits)}",
         f"- Learnt from: {config.rounds} rounds of {config.episodes:,} episodes driven by {config.policy}, "
         f"in {seconds / 60:.1f} minutes",
         f"- Settings: `{json.dumps(asdict(config))}`",

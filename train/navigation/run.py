@@ -29,7 +29,9 @@ from train.run_directory import (
     CHECKPOINT,
     LOG,
     load_checkpoint,
+    note_commit,
     open_run,
+    read_commits,
     read_log,
     read_whole_log,
     save_checkpoint,
@@ -108,6 +110,7 @@ class Training:
                 if not self.weights.with_suffix(".md").exists():  # killed between the last checkpoint and the page
                     self.describe(state["steps"], state["elapsed"])
                 return
+        note_commit(self.out)
         if run.collector == "ray":
             from train.navigation.ray_learner import RayLearner
 
@@ -162,7 +165,7 @@ class Training:
         """Curves and the page of the weights."""
         log, page = self.out / LOG, self.weights.with_suffix(".md")
         draw_curves(log, self.out / "curves.png")
-        write_card(page, self.stage, self.run_config, steps, elapsed, read_log(log))
+        write_card(page, self.stage, self.run_config, read_commits(self.out), steps, elapsed, read_log(log))
 
     def save(self, learner: BaseLearner, steps: int, elapsed: float) -> None:
         """Weights and checkpoint, the checkpoint last, as it says what is there."""
@@ -170,7 +173,7 @@ class Training:
         notes = {
             "command": run.command, "seed": str(run.seed), "workers": str(run.workers), "steps": str(steps),
             "rewards": stage.rewards, "experts_from": " ".join(source.stem for source in run.sources),
-            "torch": str(torch.__version__),
+            "commit": ", ".join(read_commits(self.out)), "torch": str(torch.__version__),
         }  # fmt: skip
         rate = float(stage.arena.decision_rate)
         export(

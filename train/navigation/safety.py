@@ -27,7 +27,17 @@ from train.navigation.mirror import observation_mirror
 from train.navigation.networks import NetworkConfig, make_critic
 from train.navigation.safety_samples import Samples, cross_entropy, judge, play
 from train.navigation.weights import actor_of, sorted_header
-from train.run_directory import CHECKPOINT, LOG, load_checkpoint, open_run, read_whole_log, save_checkpoint, write_log
+from train.run_directory import (
+    CHECKPOINT,
+    LOG,
+    load_checkpoint,
+    note_commit,
+    open_run,
+    read_commits,
+    read_whole_log,
+    save_checkpoint,
+    write_log,
+)
 from vuca_nav.checks import check_counts, check_fields, check_positive, check_shares
 from vuca_nav.errors import BadArgument
 from vuca_nav.files import write_whole
@@ -130,6 +140,7 @@ class SafetyTraining:
         if done == config.rounds and self.weights.with_suffix(".md").exists():
             return
         if done < config.rounds:
+            note_commit(self.out)
             actor, mirror = actor_of(self.policy), observation_mirror(observation)
             with (
                 contextlib.closing(
@@ -154,7 +165,8 @@ class SafetyTraining:
                     write_log(log, rows)
                     self._save(network, optimiser, done, elapsed)
         draw_safety_curves(rows, self.out / "curves.png")
-        write_safety_card(self.weights.with_suffix(".md"), config, self.command, self.seed, elapsed, rows)
+        page, commits = self.weights.with_suffix(".md"), read_commits(self.out)
+        write_safety_card(page, config, self.command, self.seed, commits, elapsed, rows)
 
     def _learn(
         self, network: nn.Module, optimiser: torch.optim.Adam, samples: Samples, mirror: tuple[Tensor, Tensor],
@@ -182,7 +194,8 @@ class SafetyTraining:
             arrays[f"weight_{k}"], arrays[f"bias_{k}"] = layer.weight.detach().numpy(), layer.bias.detach().numpy()
         metadata = {
             "format": FORMAT, "observation": json.dumps(asdict(self.policy.observation)), "command": self.command,
-            "seed": str(self.seed), "rounds": str(done), "policy": self.config.policy, "torch": str(torch.__version__),
+            "seed": str(self.seed), "rounds": str(done), "policy": self.config.policy,
+            "commit": ", ".join(read_commits(self.out)), "torch": str(torch.__version__),
         }  # fmt: skip
         write_whole(self.weights, sorted_header(save(arrays, metadata)))
         state = {"network": network.state_dict(), "optimiser": optimiser.state_dict(), "done": done, "elapsed": elapsed}

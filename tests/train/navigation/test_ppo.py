@@ -9,6 +9,7 @@ import torch
 from torch.multiprocessing.spawn import start_processes
 
 from tests.train.navigation.open_ground import OpenGround
+from train import run_directory
 from train.arena.config import ArenaConfig
 from train.navigation import run as run_module
 from train.navigation.commands import train_navigation
@@ -24,6 +25,7 @@ from train.ppo_common import advantages, log_prob
 from train.run_directory import read_log
 from vuca_nav.errors import BadArgument
 from vuca_nav.policy.observation import ObservationConfig
+from vuca_nav.policy.weights_file import load_weights
 
 SMALL = ObservationConfig(sectors=4)
 PPO = PpoConfig(worlds=16, horizon=8, minibatch=32, epochs=2)
@@ -217,6 +219,39 @@ def test_the_same_seed_gives_the_same_bits_also_when_interrupted(tmp_path, monke
         assert (tmp_path / "whole" / name).exists()
     with pytest.raises(BadArgument, match=r"stage\.ppo\.gamma"):
         run(tmp_path / "whole", dataclasses.replace(STAGE, ppo=dataclasses.replace(PPO, gamma=0.9)), resume=True)
+
+
+def test_the_page_and_the_weights_name_the_commits_and_the_seed(tmp_path, monkeypatch):
+    monkeypatch.setattr(run_module, "SAVE_EVERY", 2)
+    real, out = Learner.iterate, tmp_path / "run"
+
+    def torn(self, progress):
+        if self.iteration == 3:
+            raise KeyboardInterrupt
+        return real(self, progress)
+
+    monkeypatch.setattr(run_directory, "commit", lambda: "0123456789ab")
+    monkeypatch.setattr(Learner, "iterate", torn)
+    with pytest.raises(KeyboardInterrupt):
+        run(out)
+    monkeypatch.setattr(Learner, "iterate", real)
+    changed = dataclasses.replace(STAGE, about="Said in other words.")
+    for now in ("ba9876543210-dirty", "of a run that has nothing left to do"):
+        monkeypatch.setattr(run_directory, "commit", lambda now=now: now)
+        run(out, changed, resume=True)
+    page = (out / "tiny.md").read_text()
+    assert "- Commit: 0123456789ab, then ba9876543210-dirty\n" in page
+    assert "; seed 1, 1 workers\n" in page
+    assert load_weights(out / "tiny.safetensors").metadata["commit"] == "0123456789ab, ba9876543210-dirty"
+
+
+def test_a_run_that_began_before_commits_were_noted(finished, tmp_path):
+    out = shutil.copytree(finished, tmp_path / "run")
+    config = json.loads((out / "config.json").read_text())
+    assert config.pop("commits")
+    (out / "config.json").write_text(json.dumps(config))
+    run(out, resume=True)
+    assert "- Commit: not known\n" in (out / "tiny.md").read_text()
 
 
 def _damaged(out, name, content):

@@ -20,6 +20,7 @@ from vuca_nav.errors import BadArgument, BadWeights
 from vuca_nav.policy.observation import ObservationConfig, goal_features
 from vuca_nav.policy.safety import load_safety
 from vuca_nav.policy.weights_file import WEIGHTS_FOLDER, load_weights
+from vuca_nav.provenance import commit
 
 TRACKED = ObservationConfig(kind="tracked")
 STRAIGHT_ON = np.array([1.0, 0.0, 0.0], np.float32)
@@ -167,7 +168,10 @@ def test_a_run_that_is_gone_on_with_gives_the_same_bits(policy, tmp_path, monkey
     rows = [json.loads(line) for line in (tmp_path / "torn" / "log.jsonl").read_text().splitlines()]
     assert [row["round"] for row in rows] == [1, 2, 3]
     assert (tmp_path / "torn" / "curves.png").read_bytes().startswith(b"\x89PNG")
-    assert (tmp_path / "torn" / "safety.md").read_text().startswith("# safety\n")
+    page = (tmp_path / "torn" / "safety.md").read_text()
+    assert page.startswith("# safety\n")
+    assert f"- Commit: {commit() or 'not known'}" in page
+    assert "; seed 4\n" in page
 
 
 @pytest.mark.parametrize("damaged", [None, b"", b"garbage\n" * 3, b"[]\n", b"{}\n", b"\xff\xfe\n", b'{"round": 2}\n'])
