@@ -7,6 +7,7 @@ from eval.episode import EpisodeConfig
 from eval.methods import BEST, find_method
 from robots.registry import ROBOTS
 from vuca_nav.errors import BadArgument, UnknownName
+from worlds.registry import TRAINING_SEED
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,11 +78,16 @@ def parse_seeds(text: str) -> range:
     """``"A:B"`` as the seeds A to B - 1, like a slice.
 
     Raises:
-        BadArgument: The text is not of that form, or names no seed.
+        BadArgument: The text is not of that form, names no seed, or one that policies are trained in.
     """
     first, colon, end = text.partition(":")
     if not (colon and first.isdecimal() and end.isdecimal() and int(first) < int(end)):
         raise BadArgument(f"--seeds must be A:B with 0 <= A < B, as in 0:25 for the seeds 0 to 24, got {text!r}")
+    if int(end) > TRAINING_SEED:
+        raise BadArgument(
+            f"--seeds {text}: policies are trained in worlds of seeds from {TRAINING_SEED} on; give B of at most "
+            f"{TRAINING_SEED}"
+        )
     return range(int(first), int(end))
 
 

@@ -16,6 +16,8 @@ DIFFICULTIES = {
     "A": "ambiguous: pose and ranges are noisy",
 }
 """What ``without`` can switch off, in its order; V and C are the world's, U and A the robot's."""
+TRAINING_SEED = 1_000_000
+"""Policies are trained in worlds of this seed and those above it, and tested in worlds of seeds below."""
 SCENE_SUFFIXES = (".yaml", ".yml")
 CORRIDOR_KINDS = ("wall", "block", "shelf")
 

@@ -9,6 +9,7 @@ from eval.runner import Crash, provenance, run_episodes
 from eval.suites import SUITES, episodes_of, find_suite, parse_seeds
 from eval.summary import statistics_of, summarise, table
 from tests.eval import jobs
+from train.arena.config import ArenaConfig
 from vuca_nav.errors import BadArgument, UnknownName
 from vuca_nav.policy.dwa import DynamicWindowConfig
 from vuca_nav.policy.futures import FuturesConfig
@@ -157,6 +158,17 @@ def test_seeds():
     for junk in ("junk", "3", "3:", ":7", "7:3", "3:3", "-1:3", "0:2:1"):
         with pytest.raises(BadArgument, match="A:B"):
             parse_seeds(junk)
+
+
+def test_worlds_that_policies_are_trained_in_are_not_for_evaluation():
+    first = ArenaConfig().world_seed
+    assert parse_seeds(f"{first - 1}:{first}") == range(first - 1, first)
+    for text in (f"{first - 1}:{first + 1}", f"{first}:{first + 1}"):
+        with pytest.raises(
+            BadArgument, match=f"--seeds {text}: policies are trained in worlds of seeds from {first} on"
+        ):
+            parse_seeds(text)
+    assert all(suite.seeds.stop <= first for suite in SUITES.values())
 
 
 @pytest.mark.parametrize("spoil", ["other", "twice", "no outcome", "no number"])

@@ -6,13 +6,12 @@ from dataclasses import dataclass, replace
 from eval.metrics import GOAL_TOLERANCE
 from vuca_nav.checks import check_counts, check_fields, check_not_negative, check_positive, check_ranges, check_shares
 from vuca_nav.errors import BadArgument
+from worlds.registry import TRAINING_SEED
 
 KINDS = ("static", "dynamic", "mixed", "square", "corridor")
 """Walls and roadblocks; open ground with movers; walls, roadblocks and movers; the plaza with movers; the corridors of
 the factory's first quarter with movers."""
 BODY_KINDS = ("tiago", "go2", "random")
-TRAINING_SEED = 1_000_000
-"""First seed of the training worlds: evaluation has 0 to 999, so that no policy has seen what it is tested on."""
 MAX_LATENCY = 8
 """More ticks of latency than any stack has; commands are remembered for no longer."""
 MOST_MOVERS = 120
@@ -78,7 +77,7 @@ class ArenaConfig:
     square: float = 0.1
     corridor: float = 0.15
     movers: tuple[int, int] = (6, 20)
-    """Fewest and most, in the worlds that have any: 4 to 24 is what evaluation has."""
+    """Fewest and most, in the worlds that have any."""
     mover_speeds: tuple[float, float] = (0.2, 2.0)
     """Slowest and fastest, over the body's own greatest speed."""
     patrols: float = 0.25
@@ -106,7 +105,7 @@ class ArenaConfig:
     pairs: int = 64
     """Different tasks in each layout."""
     world_seed: int = TRAINING_SEED
-    """Of the first layout; the others follow."""
+    """Of the first layout, the others follow: from 1,000,000 on, so that no policy has seen what it is tested on."""
     imperfections: Imperfections = Imperfections()
 
     def __post_init__(self) -> None:

@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 
 from eval.metrics import RISK_CLAMP, RISK_RANGE
 from train.arena.arena import Arena, ArenaStep
-from train.arena.config import KINDS, TRAINING_SEED, ArenaConfig
+from train.arena.config import KINDS, ArenaConfig
 from vuca_nav.policy.observation import ObservationConfig
 from vuca_nav.types import FloatArray
 from worlds.movers import TICK_RATE
+from worlds.registry import TRAINING_SEED
 
 EVALUATION_SEED = 0
 """First seed of the layouts, which no training has seen."""
