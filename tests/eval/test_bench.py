@@ -132,5 +132,5 @@ def test_the_lower_layer_is_measured_against_its_goals(monkeypatch):
 
 def test_each_benchmark_can_be_sent_to_its_process():
     for benchmark in BENCHMARKS:
-        assert pickle.loads(pickle.dumps(benchmark["measure"]))
+        pickle.dumps(benchmark["measure"])  # raises what the pool would raise
     assert bench.OURS in BENCHMARKS[2]["name"]
