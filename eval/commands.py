@@ -23,7 +23,7 @@ from vuca_nav.errors import BadArgument
 
 if TYPE_CHECKING:
     from eval.episode import EpisodeConfig
-    from vuca_nav.telemetry_rerun import RerunTelemetry
+    from vuca_nav.telemetry.rerun.recorder import RerunTelemetry
 
 
 def run(argv: list[str]) -> int:
@@ -67,10 +67,10 @@ def eval_(argv: list[str]) -> int:
     arguments = parse(EvalArguments, "eval", argv)
     if arguments.workers is not None and arguments.workers < 1:
         raise BadArgument(f"--workers must be 1 or more, got {arguments.workers}")
+    from eval.analysis.summary import table
     from eval.evaluate import evaluate
     from eval.methods import identity_of
     from eval.suites import episodes_of, find_suite, parse_seeds
-    from eval.summary import table
 
     suite = find_suite(arguments.suite)
     seeds = suite.seeds if arguments.seeds is None else parse_seeds(arguments.seeds)
@@ -99,7 +99,7 @@ def eval_(argv: list[str]) -> int:
 def heatmap(argv: list[str]) -> int:
     """Draw what the critic makes of every place around the robot as a goal."""
     arguments = parse(HeatmapArguments, "heatmap", argv)
-    from eval.heatmap import check_writable, draw, view_at
+    from eval.analysis.heatmap import check_writable, draw, view_at
     from eval.progress import ProgressLine
 
     check_writable(arguments.out)
@@ -115,7 +115,7 @@ def heatmap(argv: list[str]) -> int:
 def bench(argv: list[str]) -> int:
     """Measure speed: ratios against named references, real-time factor, time of each stage."""
     arguments = parse(BenchArguments, "bench", argv)
-    from eval.bench import run_benchmarks
+    from eval.bench.loop import run_benchmarks
 
     results = run_benchmarks(sys.stderr)
     for result in results:
@@ -127,7 +127,7 @@ def bench(argv: list[str]) -> int:
 def _open_telemetry(arguments: RunArguments, title: str) -> RerunTelemetry | None:
     if not (arguments.record or arguments.spawn or arguments.serve):
         return None
-    from vuca_nav.telemetry_rerun import RerunTelemetry
+    from vuca_nav.telemetry.rerun.recorder import RerunTelemetry
 
     if arguments.record is not None:
         return RerunTelemetry.record(arguments.record, title=title)

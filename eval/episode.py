@@ -11,14 +11,14 @@ import numpy as np
 from eval.methods import BEST, Method, StackRequest, find_method
 from eval.metrics import GOAL_TOLERANCE, Metrics, MetricsRecorder
 from eval.prior_map import rasterise
-from robots.body import Body
+from robots.bodies.body import Body
 from robots.noise import NoiseConfig
 from robots.registry import make_body
 from robots.simulation import Simulation
 from vuca_nav.errors import BadArgument
 from vuca_nav.geometry import distance, wrap_angle
 from vuca_nav.navigator import Navigator
-from vuca_nav.telemetry import Telemetry
+from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import Odometry, Pose2, Scan
 from worlds.checks import check_task
 from worlds.registry import make_world, ordered_difficulties

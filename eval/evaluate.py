@@ -7,10 +7,10 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from eval.analysis.summary import is_result, statistics_of, summarise
 from eval.episode import EpisodeConfig
 from eval.runner import Crash, RunEpisode, key_of, provenance, run_episodes, run_one
 from eval.store import ResultStore, Row
-from eval.summary import is_result, statistics_of, summarise
 from vuca_nav.errors import BadArgument
 
 

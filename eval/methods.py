@@ -7,16 +7,16 @@ from pathlib import Path
 from typing import Any, Literal
 
 from vuca_nav.errors import BadArgument, UnknownName
+from vuca_nav.exploration.critic import SHIPPED, LearnedSafety, check_goes_with, load_safety
 from vuca_nav.exploration.explorer import ExplorerConfig
 from vuca_nav.mapping.slam import SlamConfig
 from vuca_nav.navigator import Navigator, NavigatorConfig
-from vuca_nav.policy.dwa import DynamicWindow
+from vuca_nav.policy.dynamic_window import DynamicWindow
 from vuca_nav.policy.learned import LearnedPolicy
 from vuca_nav.policy.network import LEARNED_GATE, UNIFORM_GATE, Gate
-from vuca_nav.policy.safety import SHIPPED, LearnedSafety, check_goes_with, load_safety
-from vuca_nav.policy.shield import Shield
 from vuca_nav.policy.weights_file import WEIGHTS_FOLDER, load_weights
-from vuca_nav.telemetry import Telemetry
+from vuca_nav.shield.shield import Shield
+from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import BodySpec, LidarSpec
 
 GAMMA = 300.0
@@ -118,20 +118,20 @@ def _learned(
 ALL: dict[str, Method] = {
     "dwa-dh": Method("SLAM, frontier exploration by D^h and waypoints, over a dynamic window controller", _dwa_dh),
     "ours": _learned(
-        "the full system: the policy of fusion+ under a shield, frontiers by D^h and V^h",
-        "fusion_plus",
+        "the full system: the policy of fusion-plus under a shield, frontiers by D^h and V^h",
+        "fusion-plus",
         safety=True,
         shielded=True,
     ),
-    "ours-dh": _learned("the full system without V^h", "fusion_plus", shielded=True),
-    "go-straight": _learned("stage 1's expert for going straight alone, D^h", "go_straight"),
-    "obstacle-avoidance": _learned("stage 1's expert for avoiding obstacles alone, D^h", "obstacle_avoidance"),
+    "ours-dh": _learned("the full system without V^h", "fusion-plus", shielded=True),
+    "go-straight": _learned("stage 1's expert for going straight alone, D^h", "go-straight"),
+    "obstacle-avoidance": _learned("stage 1's expert for avoiding obstacles alone, D^h", "obstacle-avoidance"),
     "single": _learned("one network trained like the fused one, D^h", "single"),
     "fusion": _learned("the fused policy as in the paper, D^h", "fusion"),
     "fusion-uniform": _learned("the fused policy, every expert with the same share, D^h", "fusion", UNIFORM_GATE),
-    "fusion+": _learned("the fused policy beyond the paper, which sees tracks of what moves, D^h", "fusion_plus"),
-    "fusion+-uniform": _learned("the same, every expert with the same share, D^h", "fusion_plus", UNIFORM_GATE),
-    "single+": _learned("one network that sees what fusion+ sees, D^h", "single_plus"),
+    "fusion-plus": _learned("the fused policy beyond the paper, which sees tracks of what moves, D^h", "fusion-plus"),
+    "fusion-plus-uniform": _learned("the same, every expert with the same share, D^h", "fusion-plus", UNIFORM_GATE),
+    "single-plus": _learned("one network that sees what fusion-plus sees, D^h", "single-plus"),
     **{
         f"fusion-without-{n}": _learned(f"the fused policy without its expert {n}, D^h", "fusion", Gate(without=n))
         for n in range(4)

@@ -20,7 +20,7 @@ from eval.store import Row
 from robots.noise import NoiseConfig
 from robots.registry import make_body
 from vuca_nav.provenance import commit
-from vuca_nav.telemetry import Telemetry
+from vuca_nav.telemetry.interface import Telemetry
 
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",

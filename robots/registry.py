@@ -2,10 +2,10 @@
 
 from collections.abc import Callable
 
-from robots.body import Body
-from robots.go2 import GO2, Go2
+from robots.bodies.body import Body
+from robots.bodies.go2 import GO2, Go2
+from robots.bodies.tiago import Tiago
 from robots.locomotion.config import QuadrupedConfig
-from robots.tiago import Tiago
 from vuca_nav.errors import UnknownName
 
 ROBOTS: dict[str, Callable[[], Body]] = {"go2": Go2, "tiago": Tiago}

@@ -10,19 +10,19 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from robots.body import Body
+from robots.bodies.body import Body
+from robots.bodies.kinematics import heading_rate, place_mocap, place_planar, planar_pose, rotation_of
 from robots.clearance import FootprintClearance
 from robots.contacts import SceneContacts
-from robots.kinematics import heading_rate, place_mocap, place_planar, planar_pose, rotation_of
 from robots.noise import NoiseConfig
 from robots.sensors import LidarNoise
 from vuca_nav.errors import BadArgument, VucaError
 from vuca_nav.geometry import between
-from vuca_nav.telemetry import SceneShape, Telemetry
+from vuca_nav.telemetry.interface import SceneShape, Telemetry
 from vuca_nav.types import STOP, Odometry, Pose2, Scan, Twist2, VelocityCommand
 from worlds.arrays import pack_shapes
 from worlds.mjcf import build_arena, obstacle_name, part_name
-from worlds.movers import MoverField
+from worlds.motion.movers import MoverField
 from worlds.raycast import RayCaster
 from worlds.world import Cylinder, Shape, World
 

@@ -12,14 +12,14 @@ from vuca_nav.errors import BadArgument, UnknownName
 
 TRAINABLE = {
     "locomotion": "a quadruped's gait, over batched MuJoCo",
-    "go_straight": "the paper's expert for what stands",
-    "obstacle_avoidance": "the paper's expert for what moves; starts as go_straight",
+    "go-straight": "the paper's expert for what stands",
+    "obstacle-avoidance": "the paper's expert for what moves; starts as go-straight",
     "single": "one network that sees what the paper's do: what fusing must beat",
     "fusion": "the paper's policy, four networks fused by a gate; starts as the two experts",
-    "base_plus": "one network that sees tracks of what moves",
-    "single_plus": "one network, trained on from base_plus",
-    "fusion_plus": "four networks fused by a gate that is taught; starts as base_plus",
-    "safety": "the critic of V^h, from episodes that fusion_plus drives",
+    "base-plus": "one network that sees tracks of what moves",
+    "single-plus": "one network, trained on from base-plus",
+    "fusion-plus": "four networks fused by a gate that is taught; starts as base-plus",
+    "safety": "the critic of V^h, from episodes that fusion-plus drives",
     "all": "everything but locomotion, one after another",
 }
 """What there is to be trained; everything but the gait in the batched arena. Here, so that help needs no torch."""

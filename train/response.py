@@ -17,7 +17,7 @@ from numba import njit
 from scipy.optimize import least_squares
 from tqdm import tqdm
 
-from robots.body import Body
+from robots.bodies.body import Body
 from robots.noise import NoiseConfig
 from robots.registry import make_body
 from robots.simulation import Simulation

@@ -15,7 +15,7 @@ from vuca_nav.planning.costmap import Costmap, CostmapConfig
 from vuca_nav.planning.paths import PathField
 from vuca_nav.planning.waypoints import farthest_free_waypoint
 from vuca_nav.policy.base import STANDING, LocalObservation, LocalPolicy
-from vuca_nav.telemetry import Telemetry
+from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import STOP, BodySpec, FloatArray, LidarSpec, Odometry, Pose2, Scan, VelocityCommand
 
 _RESORTS = ((False, False), (True, False), (False, True), (True, True))

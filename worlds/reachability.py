@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 
 from vuca_nav.errors import BadWorld
-from worlds.movers import TICK_RATE, MoverField
+from worlds.motion.movers import TICK_RATE, MoverField
 from worlds.shortest_path import occupancy
 from worlds.world import World
 

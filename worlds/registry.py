@@ -4,9 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from vuca_nav.errors import BadArgument, UnknownName
-from worlds import building, double_branch, factory, square, training
 from worlds.checks import check_task
-from worlds.scene_file import load_scene
+from worlds.importers.scene_file import load_scene
+from worlds.scenes import building, double_branch, factory, square, training
 from worlds.world import World
 
 DIFFICULTIES = {

@@ -11,13 +11,13 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from robots.body import Body, BoundBody, VisualPart
+from robots.bodies.body import Body, BoundBody, VisualPart
+from robots.bodies.meshes import merged_parts
 from robots.locomotion.config import QuadrupedConfig
 from robots.locomotion.gait import FALLEN_UP, START_UP_TIME, Gait, Mode
 from robots.locomotion.model import QuadrupedModel, joint_names
 from robots.locomotion.network import PolicyNetwork, load_policy
 from robots.locomotion.odometry import LegOdometer, LegSensors
-from robots.meshes import merged_parts
 from robots.noise import NoiseConfig
 from vuca_nav.types import Odometry, Pose2, VelocityCommand
 from worlds.mjcf import RootElement

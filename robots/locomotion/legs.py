@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from robots.bodies.urdf import BadUrdf, Joint, Urdf
 from robots.locomotion.config import QuadrupedConfig
-from robots.urdf import BadUrdf, Joint, Urdf
 from vuca_nav.types import FloatArray
 
 

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from robots.assets import asset
+from robots.bodies.assets import asset
+from robots.bodies.urdf import BadUrdf, Inertia, Urdf, read_urdf
 from robots.locomotion.config import JOINTS_PER_LEG, LEGS, Ball, Drum, QuadrupedConfig
 from robots.locomotion.kernels import Tuning, trot_angles
 from robots.locomotion.legs import Legs, joint_of, legs_of
-from robots.urdf import BadUrdf, Inertia, Urdf, read_urdf
 from vuca_nav.errors import BadArgument
 from worlds.mjcf import TOUCHES_FLOOR, TOUCHES_SCENE, Element, RootElement
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from robots.kinematics import heading_rate
+from robots.bodies.kinematics import heading_rate
 from robots.noise import NoiseConfig
 from vuca_nav.geometry import wrap_angle
 from vuca_nav.types import FloatArray, Odometry, Pose2, Twist2

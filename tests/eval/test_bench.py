@@ -5,11 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from eval import bench, bench_policy
-from eval.bench import BENCHMARKS, STAGES, stage_results
-from eval.bench_policy import Tape, Tick, Timed, record, replay
+from eval.bench import loop, lower_layer
+from eval.bench.loop import BENCHMARKS, STAGES, stage_results
+from eval.bench.lower_layer import Tape, Tick, Timed, record, replay
+from eval.bench.timing import StageClock
 from eval.episode import EpisodeConfig
-from eval.timing import StageClock
 from vuca_nav.policy.base import LocalObservation, LocalPolicy
 from vuca_nav.types import STOP, Scan, Twist2
 
@@ -23,7 +23,7 @@ def work(monkeypatch):
         nonlocal now
         now += seconds
 
-    monkeypatch.setattr("eval.timing.time.perf_counter", lambda: now)
+    monkeypatch.setattr("eval.bench.timing.time.perf_counter", lambda: now)
     return work
 
 
@@ -114,12 +114,12 @@ def test_an_episodes_tape_has_every_tick():
 
 def test_the_lower_layer_is_measured_against_its_goals(monkeypatch):
     near = EpisodeConfig(world="dynamic", movers=3, start=(3.0, 3.0, 0.0), goal=(3.6, 3.0))
-    monkeypatch.setattr(bench_policy, "CROWD", near)
-    monkeypatch.setattr(bench_policy, "CROWD_TIME", 0.1)
-    monkeypatch.setattr(bench_policy, "CALLS", 2)
-    results = {result["name"]: result for result in bench_policy.lower_layer()}
+    monkeypatch.setattr(lower_layer, "CROWD", near)
+    monkeypatch.setattr(lower_layer, "CROWD_TIME", 0.1)
+    monkeypatch.setattr(lower_layer, "CALLS", 2)
+    results = {result["name"]: result for result in lower_layer.lower_layer()}
     assert list(results) == [
-        "fusion_step_mean", "fusion_step_p99", "fusion_plus_step_mean", "fusion_plus_step_p99", "shield_step_mean",
+        "fusion_step_mean", "fusion_step_p99", "fusion-plus_step_mean", "fusion-plus_step_p99", "shield_step_mean",
         "shield_step_p99", "shield_step_max", "v_h_of_200",
     ]  # fmt: skip
     text = (Path(__file__).parents[2] / "docs" / "performance.md").read_text()
@@ -133,4 +133,4 @@ def test_the_lower_layer_is_measured_against_its_goals(monkeypatch):
 def test_each_benchmark_can_be_sent_to_its_process():
     for benchmark in BENCHMARKS:
         pickle.dumps(benchmark["measure"])  # raises what the pool would raise
-    assert bench.OURS in BENCHMARKS[2]["name"]
+    assert loop.OURS in BENCHMARKS[2]["name"]

@@ -3,17 +3,17 @@ from dataclasses import asdict
 
 import pytest
 
+from eval.analysis.summary import statistics_of, summarise, table
 from eval.episode import EpisodeConfig
 from eval.evaluate import evaluate
 from eval.runner import Crash, provenance, run_episodes
 from eval.suites import SUITES, episodes_of, find_suite, parse_seeds
-from eval.summary import statistics_of, summarise, table
 from tests.eval import jobs
 from train.arena.config import ArenaConfig
 from vuca_nav.errors import BadArgument, UnknownName
-from vuca_nav.policy.dwa import DynamicWindowConfig
-from vuca_nav.policy.futures import FuturesConfig
-from vuca_nav.policy.shield import ShieldConfig
+from vuca_nav.policy.dynamic_window import DynamicWindowConfig
+from vuca_nav.shield.futures import FuturesConfig
+from vuca_nav.shield.shield import ShieldConfig
 
 CONFIGS = episodes_of(SUITES["smoke"], seeds=range(3))
 IDENTITY = {"suite": "smoke", "seeds": [0, 3]}
@@ -203,7 +203,7 @@ def test_the_settings_that_are_kept_are_those_that_ran():
     assert "dynamic_window" not in ours
     assert provenance(EpisodeConfig(method="ours", gamma=2.0))["navigator"]["explorer"]["gamma"] == 2.0
     assert provenance(EpisodeConfig(method="ours", without="A")) == ours  # the task says so
-    alone = provenance(EpisodeConfig(method="fusion+-uniform", robot="go2"))
+    alone = provenance(EpisodeConfig(method="fusion-plus-uniform", robot="go2"))
     assert "shield" not in alone
     assert alone["gate"]["uniform"]
     window = provenance(EpisodeConfig(method="dwa-dh"))

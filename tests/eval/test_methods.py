@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from eval import methods
+from eval.analysis.heatmap import check_writable, colours_of, view_at
 from eval.arguments import HeatmapArguments, RunArguments
 from eval.commands import eval_, heatmap
 from eval.episode import Episode, EpisodeConfig
-from eval.heatmap import check_writable, colours_of, view_at
 from eval.methods import (
     ALL,
     EXPLORATION_RATE,
@@ -30,12 +30,12 @@ from tests.vuca_nav.random_policy import random_policy
 from tests.vuca_nav.random_safety import random_safety
 from tests.vuca_nav.rooms import LIDAR, disc_body
 from vuca_nav.errors import BadArgument, BadWeights, UnknownName
+from vuca_nav.exploration.critic import SHIPPED, LearnedSafety, load_safety
 from vuca_nav.exploration.heuristic import NoCritic
 from vuca_nav.policy.learned import LearnedPolicy
 from vuca_nav.policy.observation import ObservationConfig
-from vuca_nav.policy.safety import SHIPPED, LearnedSafety, load_safety
-from vuca_nav.policy.shield import Shield
-from vuca_nav.telemetry import Telemetry
+from vuca_nav.shield.shield import Shield
+from vuca_nav.telemetry.interface import Telemetry
 
 
 @pytest.fixture
@@ -58,10 +58,10 @@ def test_only_methods_that_can_run_are_listed(tmp_path, monkeypatch):
     monkeypatch.setattr(methods, "WEIGHTS_FOLDER", tmp_path)
     monkeypatch.setattr(methods, "SHIPPED", tmp_path / "safety.safetensors")
     assert list(runnable()) == ["dwa-dh"]
-    (tmp_path / "fusion_plus.safetensors").touch()
-    assert set(runnable()) == {"dwa-dh", "ours-dh", "fusion+", "fusion+-uniform"}
+    (tmp_path / "fusion-plus.safetensors").touch()
+    assert set(runnable()) == {"dwa-dh", "ours-dh", "fusion-plus", "fusion-plus-uniform"}
     (tmp_path / "safety.safetensors").touch()
-    assert set(runnable()) == {"dwa-dh", "ours-dh", "fusion+", "fusion+-uniform", "ours"}
+    assert set(runnable()) == {"dwa-dh", "ours-dh", "fusion-plus", "fusion-plus-uniform", "ours"}
 
 
 def test_what_the_methods_differ_in(weights):
@@ -76,7 +76,7 @@ def test_what_the_methods_differ_in(weights):
     assert isinstance(without.policy, Shield)
     assert isinstance(without.explorer.critic, NoCritic)
     assert without.config.exploration_rate == 0.2
-    assert isinstance(build("fusion+", policy=weights).policy, LearnedPolicy)
+    assert isinstance(build("fusion-plus", policy=weights).policy, LearnedPolicy)
     uniform = build("fusion-uniform", policy=weights).policy
     assert isinstance(uniform, LearnedPolicy)
     assert uniform.network.gate.uniform
@@ -123,7 +123,7 @@ def test_a_critic_of_ones_own_rates_the_ways(weights, critic):
 
 
 def test_a_critic_that_cannot_be_used_is_refused(weights, critic, tmp_path):
-    for name in ("dwa-dh", "ours-dh", "fusion+"):
+    for name in ("dwa-dh", "ours-dh", "fusion-plus"):
         with pytest.raises(BadArgument, match=rf"'{re.escape(name)}' has no V\^h; --safety goes with: ours$"):
             find_method(name, safety=critic)
     with pytest.raises(BadWeights, match=r"no weights of a safety critic at .*none; make them with: vuca train safety"):
@@ -148,7 +148,7 @@ def test_what_it_is_given_is_in_every_row(weights, critic):
 def test_other_weights_of_the_same_name_are_another_evaluation(weights, critic, tmp_path):
     ours = identity_of("ours")
     assert {key: ours[key] for key in ("policy", "gamma", "safety")} == {
-        "policy": "fusion_plus", "gamma": GAMMA, "safety": "safety",
+        "policy": "fusion-plus", "gamma": GAMMA, "safety": "safety",
     }  # fmt: skip
     assert ours["safety_sha256"] == hashlib.sha256(SHIPPED.read_bytes()).hexdigest()
     given = identity_of("ours", policy=weights, gamma=2.0, safety=critic)
@@ -214,7 +214,7 @@ def test_a_heatmap_is_told_of_its_scene_what_a_run_is(tmp_path, monkeypatch):
         asked.append(config)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("eval.heatmap.view_at", view)
+    monkeypatch.setattr("eval.analysis.heatmap.view_at", view)
     scene = ["--world", "square", "--movers", "3", "--seed", "4", "--start", "1", "2", "0.5", "--goal", "8", "5"]
     with pytest.raises(KeyboardInterrupt):
         heatmap([*scene, "--robot", "go2", "--gamma", "7", "--out", str(tmp_path / "h.png")])
@@ -228,7 +228,7 @@ def test_a_picture_that_cannot_be_written_is_noticed_before_the_run(place, tmp_p
     def view(*_):
         raise AssertionError("it was run")
 
-    monkeypatch.setattr("eval.heatmap.view_at", view)
+    monkeypatch.setattr("eval.analysis.heatmap.view_at", view)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(BadArgument, match=f"cannot write {place}: "):
         heatmap(["--out", place])

@@ -1,8 +1,8 @@
 import pytest
 
+from robots.bodies.tiago import Tiago
 from robots.noise import NoiseConfig
 from robots.simulation import Simulation
-from robots.tiago import Tiago
 from tests.robots.halls import hall
 
 

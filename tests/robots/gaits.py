@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from safetensors.numpy import save_file
 
-from robots.go2 import GO2
+from robots.bodies.go2 import GO2
 from robots.locomotion.body import Quadruped
 from robots.locomotion.kernels import ACTION_SIZE, OBSERVATION_SIZE
 from robots.locomotion.network import FORMAT, gait_contract

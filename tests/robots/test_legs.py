@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from robots.go2 import GO2
+from robots.bodies.go2 import GO2
 from robots.locomotion.kernels import foot_motion, leg_velocity
 from robots.locomotion.legs import foot_jacobian, foot_position, leg_angles
 from robots.locomotion.model import QuadrupedModel

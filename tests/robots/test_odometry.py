@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from robots.kinematics import heading_rate
+from robots.bodies.kinematics import heading_rate
 from robots.locomotion.odometry import LegOdometer
 from robots.noise import NoiseConfig
 from robots.sensors import LidarNoise, WheelOdometer

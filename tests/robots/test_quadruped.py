@@ -10,14 +10,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from robots.go2 import GO2
+from robots.bodies.go2 import GO2
+from robots.bodies.urdf import BadUrdf
 from robots.locomotion.config import LEGS
 from robots.locomotion.kernels import servo_torque
 from robots.locomotion.model import QuadrupedModel
 from robots.locomotion.network import BadWeights, gait_contract, load_policy
 from robots.noise import NoiseConfig
 from robots.simulation import Rates, Simulation
-from robots.urdf import BadUrdf
 from tests.robots.gaits import untaught
 from tests.robots.halls import MIDDLE, hall
 from vuca_nav.errors import BadArgument

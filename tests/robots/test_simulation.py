@@ -9,7 +9,7 @@ from robots.simulation import Rates, Simulation, SimulationDiverged
 from tests.robots.halls import hall
 from vuca_nav.errors import BadArgument
 from vuca_nav.geometry import between
-from vuca_nav.telemetry import Telemetry
+from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import STOP, Pose2, VelocityCommand
 from worlds.registry import make_world
 from worlds.world import Cylinder, Mover, MoverPart, Obstacle, Patrol

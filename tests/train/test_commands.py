@@ -1,6 +1,6 @@
 import pytest
 
-from robots.go2 import GO2
+from robots.bodies.go2 import GO2
 from train.commands import TRAINABLE
 from vuca_nav.cli import main
 
@@ -79,7 +79,7 @@ def test_help_names_all_that_can_be_trained(capsys):
     [
         ("train", f"give what to train: {', '.join(TRAINABLE)} "),
         ("train --seed 1 locomotion", "what to train comes first, before --seed: locomotion, "),
-        ("train go_strait", "'go_strait'; did you mean 'go_straight'?"),
+        ("train go_strait", "'go_strait'; did you mean 'go-straight'?"),
     ],
 )
 def test_what_to_train_must_be_named(line, said, capsys):

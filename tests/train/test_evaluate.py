@@ -3,7 +3,7 @@ import itertools
 import numpy as np
 import pytest
 
-from robots.go2 import GO2
+from robots.bodies.go2 import GO2
 from tests.robots.gaits import untaught
 from train.locomotion import evaluate
 from train.locomotion.evaluate import CONTROL, Track, count_falls, grid, real_time_factor, track_grid

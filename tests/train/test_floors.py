@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from robots.go2 import GO2
+from robots.bodies.go2 import GO2
 from robots.locomotion.model import QuadrupedModel
 from tests.robots.gaits import untaught
 from train.locomotion.evaluate import SILL, SLOPE, Track, rough_floor

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from robots.go2 import GO2
+from robots.bodies.go2 import GO2
 from robots.locomotion.gait import START_UP_TIME
 from robots.locomotion.kernels import (
     ACTION_SIZE,

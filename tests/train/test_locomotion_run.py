@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from robots.go2 import GO2
+from robots.bodies.go2 import GO2
 from robots.locomotion.kernels import ACTION_SIZE, OBSERVATION_SIZE
 from robots.locomotion.network import load_policy
 from train.locomotion.environment import EnvironmentConfig

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from robots.go2 import GO2
+from robots.bodies.go2 import GO2
 from robots.locomotion.model import GRAVITY, SERVO_KD, SERVO_KP, SERVO_SUPPLY, QuadrupedModel
 from train.locomotion.floors import SILL_DEPTH, SILL_HALF_HEIGHT, Floor, compile_model
 from train.locomotion.randomise import Randomisation, randomise, randomise_robot

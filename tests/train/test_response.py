@@ -4,7 +4,7 @@ import math
 import numpy as np
 import pytest
 
-from robots.tiago import Tiago
+from robots.bodies.tiago import Tiago
 from train.response import RATE, excite, fit, identify, respond
 
 DT = 1.0 / RATE

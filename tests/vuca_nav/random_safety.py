@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from safetensors.numpy import save_file
 
+from vuca_nav.exploration.critic import FORMAT
 from vuca_nav.policy.observation import ObservationConfig
-from vuca_nav.policy.safety import FORMAT
 
 TRACKED = ObservationConfig(kind="tracked")
 

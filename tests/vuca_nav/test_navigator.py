@@ -10,8 +10,8 @@ from vuca_nav.errors import BadArgument
 from vuca_nav.geometry import compose, distance, inverse, levelling, transform_points
 from vuca_nav.mapping.grid import GridConfig, OccupancyGrid
 from vuca_nav.navigator import Navigator, NavigatorConfig
-from vuca_nav.policy.dwa import DynamicWindow
-from vuca_nav.telemetry import Telemetry
+from vuca_nav.policy.dynamic_window import DynamicWindow
+from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import STOP, LidarSpec, Odometry, Pose2, Scan, Twist2
 
 DT = 1.0 / 30.0
@@ -240,6 +240,7 @@ def test_rates_must_divide():
 def test_the_stack_imports_without_simulator_and_torch():
     code = (
         "import sys; [sys.modules.__setitem__(m, None) for m in ('mujoco', 'dm_control', 'torch', 'trimesh', 'worlds',"
-        " 'robots', 'eval')]; import vuca_nav.navigator, vuca_nav.policy.dwa, vuca_nav.telemetry, vuca_nav.cli"
+        " 'robots', 'eval')]; import vuca_nav.navigator, vuca_nav.policy.dynamic_window,"
+        " vuca_nav.telemetry.interface, vuca_nav.cli"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

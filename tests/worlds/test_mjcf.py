@@ -9,7 +9,7 @@ import pytest
 
 from vuca_nav.types import Pose2
 from worlds.mjcf import FLOOR, TOUCHES_FLOOR, TOUCHES_SCENE, build_arena, obstacle_name, part_name
-from worlds.movers import MoverField
+from worlds.motion.movers import MoverField
 from worlds.registry import make_world
 from worlds.world import Box, Cylinder, Mover, MoverPart, Obstacle, RandomWalk, World
 

@@ -11,7 +11,7 @@ import pytest
 from vuca_nav.types import LidarSpec, Pose2
 from worlds.arrays import pack_shapes
 from worlds.mjcf import build_arena
-from worlds.movers import MoverField
+from worlds.motion.movers import MoverField
 from worlds.raycast import RayCaster
 from worlds.registry import WORLDS, make_world
 from worlds.world import Box, Cylinder, Mover, MoverPart, Obstacle, RandomWalk, Shape, World

@@ -10,8 +10,8 @@ from vuca_nav.types import Pose2
 from worlds import WORLDS, load_scene, make_world, save_scene
 from worlds.arrays import pack_shapes
 from worlds.clearance import clearance_at
-from worlds.population import LARGEST_FOOTPRINT
 from worlds.registry import CORRIDOR_KINDS, ordered_difficulties
+from worlds.scenes.population import LARGEST_FOOTPRINT
 from worlds.shortest_path import shortest_path_length
 from worlds.world import Box, Cylinder, Obstacle, RandomWalk, SocialForce
 
@@ -201,7 +201,7 @@ def test_a_wall_at_the_bounds_is_an_inner_one_unless_it_is_said_to_be_outer(tmp_
 
 
 def test_a_building_without_room_for_its_people_says_so(monkeypatch):
-    monkeypatch.setattr("worlds.building.START_DISTANCE", 100.0)
+    monkeypatch.setattr("worlds.scenes.building.START_DISTANCE", 100.0)
     with pytest.raises(BadWorld, match=r"no free place for person 1 of 20 in 4000 tries"):
         make_world("building", 0)
 

@@ -25,8 +25,8 @@ from vuca_nav.types import FloatArray
 from worlds.arrays import pack_shapes
 from worlds.clearance import ClearanceField, clearance_field, distance_to_wide_ways
 from worlds.level_scan import LEVEL_COLUMNS, level_columns
-from worlds.population import BODIES, MOVER_WAY, long_ways
 from worlds.registry import make_world
+from worlds.scenes.population import BODIES, MOVER_WAY, long_ways
 from worlds.shortest_path import STEPS
 from worlds.world import World
 
@@ -101,7 +101,7 @@ def make_bank(config: ArenaConfig) -> Bank:
 @cache
 def _code() -> bytes:
     """Of all that a bank is made by: a bank that was made by anything else is not found."""
-    files = [Path(__file__), *sorted(Path(worlds.__path__[0]).glob("*.py"))]
+    files = [Path(__file__), *sorted(Path(worlds.__path__[0]).rglob("*.py"))]
     return b"".join(hashlib.sha256(file.read_bytes()).digest() for file in files)
 
 

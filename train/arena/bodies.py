@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import Generator
 
-from robots.go2 import GO2
-from robots.tiago import (
+from robots.bodies.go2 import GO2
+from robots.bodies.tiago import (
     FOOTPRINT,
     HEIGHT,
     MAX_A_W,
@@ -19,7 +19,7 @@ from robots.tiago import (
     WHEEL_RADIUS,
     WHEEL_SEPARATION,
 )
-from robots.tiago import LIDAR as TIAGO_LIDAR
+from robots.bodies.tiago import LIDAR as TIAGO_LIDAR
 from train.arena.config import ArenaConfig
 from vuca_nav.types import BodySpec, FloatArray
 

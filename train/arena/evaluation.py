@@ -11,7 +11,7 @@ from train.arena.arena import Arena, ArenaStep
 from train.arena.config import KINDS, ArenaConfig
 from vuca_nav.policy.observation import ObservationConfig
 from vuca_nav.types import FloatArray
-from worlds.movers import TICK_RATE
+from worlds.motion.movers import TICK_RATE
 from worlds.registry import TRAINING_SEED
 
 EVALUATION_SEED = 0

@@ -157,7 +157,7 @@ def drive(
         x0, y0, yaw0 = x, y, yaw
         command[:] = wanted[i]
         arm = wheel_arm[body[i]]
-        if arm > 0.0:  # no wheel turns faster than it can: the arc stays, both speeds shrink (robots.tiago)
+        if arm > 0.0:  # no wheel turns faster than it can: the arc stays, both speeds shrink (robots.bodies.tiago)
             fastest = abs(command[0]) + abs(command[2]) * arm
             if fastest > wheel_speed:
                 command *= wheel_speed / fastest

@@ -18,8 +18,8 @@ from vuca_nav.cli import run_module
 from vuca_nav.errors import BadArgument
 from vuca_nav.policy.observation import ObservationConfig
 from vuca_nav.types import FloatArray
-from worlds.mover_columns import RADIUS, X
-from worlds.movers import TICK
+from worlds.motion.mover_columns import RADIUS, X
+from worlds.motion.movers import TICK
 from worlds.reachability import earliest_arrival
 
 _CHUNK = 50

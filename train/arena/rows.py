@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from train.arena.bank import MAX_PARTS, Bank
-from worlds.mover_columns import STATE_SIZE
+from worlds.motion.mover_columns import STATE_SIZE
 
 RING = 16
 """Commands that are remembered [ticks]: more than the longest delay."""

@@ -16,8 +16,8 @@ from train.arena.rows import GOAL_X, GOAL_Y, Rows
 from vuca_nav.policy.observation import ObservationConfig, Observer, command_from_action, goal_features
 from vuca_nav.types import FloatArray, LidarSpec
 from worlds.level_scan import cast_level
-from worlds.movers import TICK, TICK_RATE, TURN_RATE
-from worlds.walk import place_batch, walk_batch
+from worlds.motion.movers import TICK, TICK_RATE, TURN_RATE
+from worlds.motion.walk import place_batch, walk_batch
 
 MOVER_DISTANCE = 1.5
 """Free room between a mover and the robot's footprint at its start [m]."""

@@ -4,10 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from train.arena.arena import Arena
+from vuca_nav.perception.tracks import MAX_TRACKS, SLOT_SIZE, Tracker
+from vuca_nav.policy.delay import Unanswered
 from vuca_nav.policy.observation import command_from_action, limits_of
-from vuca_nav.policy.shield import TRACK_SPACING, Guard, ShieldConfig
-from vuca_nav.policy.tracks import MAX_TRACKS, SLOT_SIZE, Tracker
-from vuca_nav.policy.unanswered import Unanswered
+from vuca_nav.shield.shield import TRACK_SPACING, Guard, ShieldConfig
 from vuca_nav.types import LidarSpec, VelocityCommand
 
 

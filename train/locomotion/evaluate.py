@@ -21,7 +21,7 @@ import mujoco
 import numpy as np
 from tqdm import tqdm
 
-from robots.kinematics import planar_pose
+from robots.bodies.kinematics import planar_pose
 from robots.locomotion.body import Quadruped
 from robots.noise import NoiseConfig
 from robots.registry import find_quadruped

@@ -16,7 +16,7 @@ import tyro
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from eval.statistics import paired_difference
+from eval.analysis.statistics import paired_difference
 from train.arena.config import KINDS, ArenaConfig
 from train.arena.evaluation import EpisodeRecords, Evaluation
 from train.arena.local_policies import ArenaPolicies
@@ -25,7 +25,7 @@ from train.navigation.evaluation_page import AS_IT_IS, markdown, row_names, summ
 from vuca_nav.cli import run_module
 from vuca_nav.errors import BadArgument
 from vuca_nav.files import prepare_directory, write_whole
-from vuca_nav.policy.dwa import DynamicWindow
+from vuca_nav.policy.dynamic_window import DynamicWindow
 from vuca_nav.policy.observation import ObservationConfig
 from vuca_nav.policy.weights_file import PolicyWeights, load_weights
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from eval.statistics import wilson_interval
+from eval.analysis.statistics import wilson_interval
 from train.arena.evaluation import EpisodeRecords
 from vuca_nav.errors import BadArgument
 

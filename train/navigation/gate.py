@@ -15,7 +15,7 @@ import tyro
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from eval.statistics import paired_difference
+from eval.analysis.statistics import paired_difference
 from train.arena.config import KINDS
 from train.arena.evaluation import Evaluation
 from train.navigation.evaluate import EvaluateArguments, episodes_of
@@ -174,7 +174,7 @@ def main(arguments: GateArguments) -> None:
     for path, source in zip(arguments.files, weights.values()):
         if source.experts == 1:
             raise BadArgument(
-                f"{path} is one network without a gate; fused policies have one, as fusion and fusion_plus"
+                f"{path} is one network without a gate; fused policies have one, as fusion and fusion-plus"
             )
     try:
         arguments.out.mkdir(parents=True, exist_ok=True)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from eval.statistics import resampled_totals
+from eval.analysis.statistics import resampled_totals
 from train.navigation.gate_play import Decisions
 from train.navigation.situations import SITUATIONS
 from train.navigation.skills import SKILLS

@@ -39,8 +39,8 @@ class RewardWeights(NamedTuple):
 
 
 REWARDS = {
-    "go_straight": RewardWeights(3.0, 0.0, -0.25, 1.0, -1.0, -1.0, -0.5),
-    "obstacle_avoidance": RewardWeights(1.0, -0.4, -1.0, 0.25, 1.0, 1.0, 0.0),
+    "go-straight": RewardWeights(3.0, 0.0, -0.25, 1.0, -1.0, -1.0, -0.5),
+    "obstacle-avoidance": RewardWeights(1.0, -0.4, -1.0, 0.25, 1.0, 1.0, 0.0),
     "fusion": RewardWeights(4.0, 0.0, -1.0, 1.0, 0.0, 0.0, 0.0),
     "careful": RewardWeights(4.0, 0.0, -3.0, 1.0, 0.0, -1.0, 0.0),
 }

@@ -2,7 +2,7 @@
 
 Monte Carlo regression: a trained policy drives through the arena, now and then sent elsewhere on its way, so that all
 there is to see is seen with goals in all directions; for every observation the critic learns whether a mover was met
-before the goal was reached. It is asked the same of frontiers (``vuca_nav.policy.safety``).
+before the goal was reached. It is asked the same of frontiers (``vuca_nav.exploration.critic``).
 """
 
 import contextlib
@@ -40,8 +40,8 @@ from train.run_directory import (
 )
 from vuca_nav.checks import check_counts, check_fields, check_positive, check_shares
 from vuca_nav.errors import BadArgument
+from vuca_nav.exploration.critic import FORMAT
 from vuca_nav.files import write_whole
-from vuca_nav.policy.safety import FORMAT
 from vuca_nav.policy.weights_file import load_weights
 
 NAME = "safety"
@@ -51,7 +51,7 @@ NAME = "safety"
 class SafetyConfig:
     """How the critic is trained."""
 
-    policy: str = "fusion_plus"
+    policy: str = "fusion-plus"
     """Who drives."""
     arena: ArenaConfig = field(
         default_factory=lambda: ArenaConfig(static=0.05, dynamic=0.15, mixed=0.25, square=0.1, corridor=0.45)

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from train.arena.arena import Arena
 from train.arena.shard import Shard
 from train.navigation.networks import FusedActor
-from worlds.mover_columns import RADIUS, X, Y
+from worlds.motion.mover_columns import RADIUS, X, Y
 
 if TYPE_CHECKING:
     from train.navigation.safety import SafetyConfig

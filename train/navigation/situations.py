@@ -15,7 +15,7 @@ from train.arena.arena import Arena
 from vuca_nav.policy.observation import outline_ranges
 from vuca_nav.types import FloatArray, LidarSpec
 from worlds.level_scan import cast_level
-from worlds.mover_columns import RADIUS, V_X, V_Y, X, Y
+from worlds.motion.mover_columns import RADIUS, V_X, V_Y, X, Y
 
 SITUATIONS = ("open floor", "tight passage", "sudden mover", "dead end", "known mover", "other")
 OPEN_FLOOR, TIGHT_PASSAGE, SUDDEN_MOVER, DEAD_END, KNOWN_MOVER, OTHER = range(6)

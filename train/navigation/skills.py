@@ -8,7 +8,7 @@ from torch import Tensor
 from vuca_nav.policy.observation import ObservationConfig
 
 SKILLS = ("forward", "emergency stop", "turn", "backward")
-"""In the order of the experts: copies of go_straight, obstacle_avoidance, go_straight and obstacle_avoidance."""
+"""In the order of the experts: copies of go-straight, obstacle-avoidance, go-straight and obstacle-avoidance."""
 AHEAD = math.radians(45.0)
 """Half of the sector that is looked at for something in the way [rad]."""
 NEAR, TOO_NEAR = 0.6, 0.3

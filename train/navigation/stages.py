@@ -48,22 +48,22 @@ _SECOND_FROM_SCRATCH = PpoConfig(horizon=64, minibatch=4096, first_rate=1e-3, la
 _FOUR = NetworkConfig(experts=4, initial_std=0.25)
 _CAREFUL = ArenaConfig(static=0.22, dynamic=0.2, mixed=0.15, square=0.08, corridor=0.35)
 """Corridors, where most collisions are, more than twice as often; of the others but ``static`` less."""
-_COPIES = ("go_straight", "obstacle_avoidance", "go_straight", "obstacle_avoidance")
+_COPIES = ("go-straight", "obstacle-avoidance", "go-straight", "obstacle-avoidance")
 
 
 _ALL = (
     StageConfig(
-        name="go_straight",
+        name="go-straight",
         about="An expert for walls and roadblocks, which hates turning (Section III-B, first stage).",
-        rewards="go_straight", arena=ArenaConfig().of("static"), observation=_PAPER,
+        rewards="go-straight", arena=ArenaConfig().of("static"), observation=_PAPER,
         network=NetworkConfig(), ppo=_FIRST, steps=6_000_000,
     ),
     StageConfig(
-        name="obstacle_avoidance",
+        name="obstacle-avoidance",
         about="An expert for things that move, which hates to be near them (Section III-B, first stage). Warm: "
         "from scratch it learns to wait, which the printed rewards pay for.",
-        rewards="obstacle_avoidance", arena=ArenaConfig().of("dynamic"), observation=_PAPER,
-        network=NetworkConfig(initial_std=0.25), ppo=_WARM, steps=6_000_000, sources=("go_straight",),
+        rewards="obstacle-avoidance", arena=ArenaConfig().of("dynamic"), observation=_PAPER,
+        network=NetworkConfig(initial_std=0.25), ppo=_WARM, steps=6_000_000, sources=("go-straight",),
     ),
     StageConfig(
         name="single",
@@ -80,23 +80,23 @@ _ALL = (
         steps=8_000_000, sources=_COPIES,
     ),
     StageConfig(
-        name="base_plus",
+        name="base-plus",
         about="One network that sees tracks of what moves, trained from scratch: where the other two go on from.",
         rewards="fusion", arena=ArenaConfig(), observation=_TRACKED,
         network=NetworkConfig(), ppo=_SECOND_FROM_SCRATCH, steps=30_000_000,
     ),
     StageConfig(
-        name="single_plus",
-        about="One network that sees tracks of what moves, trained on from base_plus as long as fusion_plus is.",
+        name="single-plus",
+        about="One network that sees tracks of what moves, trained on from base-plus as long as fusion-plus is.",
         rewards="careful", arena=_CAREFUL, observation=_TRACKED,
-        network=NetworkConfig(initial_std=0.25), ppo=_SECOND, steps=20_000_000, sources=("base_plus",),
+        network=NetworkConfig(initial_std=0.25), ppo=_SECOND, steps=20_000_000, sources=("base-plus",),
     ),
     StageConfig(
-        name="fusion_plus",
-        about="Four copies of base_plus, fused by a gate that is first taught which skill is called for and then paid "
+        name="fusion-plus",
+        about="Four copies of base-plus, fused by a gate that is first taught which skill is called for and then paid "
         "for making up its mind.",
         rewards="careful", arena=_CAREFUL, observation=_TRACKED, network=_FOUR,
-        ppo=replace(_SECOND, gate_information=0.02, teach_gate=True), steps=20_000_000, sources=("base_plus",) * 4,
+        ppo=replace(_SECOND, gate_information=0.02, teach_gate=True), steps=20_000_000, sources=("base-plus",) * 4,
     ),
 )  # fmt: skip
 STAGES = {stage.name: stage for stage in _ALL}

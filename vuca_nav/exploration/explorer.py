@@ -10,7 +10,7 @@ from vuca_nav.exploration.heuristic import NoCritic, SafetyCritic, score_candida
 from vuca_nav.mapping.grid import OccupancyGrid
 from vuca_nav.planning.costmap import Costmap
 from vuca_nav.planning.paths import PathField
-from vuca_nav.telemetry import FrontierView, Telemetry
+from vuca_nav.telemetry.interface import FrontierView, Telemetry
 from vuca_nav.types import Pose2
 
 

@@ -8,7 +8,7 @@ from vuca_nav.policy.base import LocalObservation, LocalPolicy, is_gap
 from vuca_nav.policy.network import LEARNED_GATE, Gate, PolicyNetwork
 from vuca_nav.policy.observation import Observer, command_from_action, goal_features, limits_of
 from vuca_nav.policy.weights_file import ACTION_SIZE, PolicyWeights, Single
-from vuca_nav.telemetry import Telemetry
+from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import STOP, BodySpec, LidarSpec, VelocityCommand
 
 BLIND_SHARE = 0.3

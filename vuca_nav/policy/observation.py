@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vuca_nav.checks import check_fields, check_positive
 from vuca_nav.errors import BadArgument
-from vuca_nav.policy.tracks import DIRECTIONS, SLOT_SIZE, SLOTS, SPEEDS, Tracker
+from vuca_nav.perception.tracks import DIRECTIONS, SLOT_SIZE, SLOTS, SPEEDS, Tracker
 from vuca_nav.types import BodySpec, FloatArray
 
 Kind = Literal["paper", "tracked"]
@@ -50,8 +50,8 @@ class ObservationConfig:
     """Between the scans of the history [s]."""
     kind: Kind = "paper"
     """``paper``: exactly Section III-B. ``tracked``: in place of O_m what is known of moving things, and the body's
-    limits and size; O_L, how soon a thing is met in each direction (``vuca_nav.policy.tracks``), O_g, O_v, body, the
-    same for standing still, the most threatening things."""
+    limits and size; O_L, how soon a thing is met in each direction (``vuca_nav.perception.tracks``), O_g, O_v, body,
+    the same for standing still, the most threatening things."""
 
     def __post_init__(self) -> None:
         """Raises BadArgument for what is out of its range."""

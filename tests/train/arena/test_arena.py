@@ -12,7 +12,7 @@ from train.arena.evaluation import Evaluation
 from train.arena.kernels import drive
 from vuca_nav.errors import BadArgument
 from vuca_nav.policy.observation import ObservationConfig
-from worlds.movers import TICK
+from worlds.motion.movers import TICK
 
 SMALL = ArenaConfig(layouts=2, pairs=16, num_bodies=6)
 EXACT = replace(SMALL, imperfections=Imperfections.none())

@@ -7,7 +7,7 @@ from train.arena.config import ArenaConfig, Imperfections
 from train.arena.evaluation import Evaluation
 from train.arena.local_policies import ArenaPolicies
 from vuca_nav.policy.base import LocalObservation, LocalPolicy
-from vuca_nav.policy.dwa import DynamicWindow
+from vuca_nav.policy.dynamic_window import DynamicWindow
 from vuca_nav.policy.observation import ObservationConfig
 from vuca_nav.types import VelocityCommand
 

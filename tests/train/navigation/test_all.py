@@ -16,7 +16,7 @@ from train.navigation.safety import SafetyConfig
 from train.navigation.stages import EVERYTHING, STAGES, StageConfig, from_scratch
 from train.navigation.team import Alone
 from train.run_directory import read_log
-from vuca_nav.policy.safety import load_safety
+from vuca_nav.exploration.critic import load_safety
 from vuca_nav.policy.weights_file import WEIGHTS_FOLDER, load_weights
 
 ITERATIONS = 4

@@ -30,7 +30,7 @@ from vuca_nav.policy.weights_file import load_weights
 SMALL = ObservationConfig(sectors=4)
 PPO = PpoConfig(worlds=16, horizon=8, minibatch=32, epochs=2)
 NETWORK = NetworkConfig(experts=2, hidden=16, gate=8, critic=16)
-STAGE = StageConfig("tiny", "For tests.", "go_straight", ArenaConfig(), SMALL, NETWORK, PPO, 6 * 16 * 8)
+STAGE = StageConfig("tiny", "For tests.", "go-straight", ArenaConfig(), SMALL, NETWORK, PPO, 6 * 16 * 8)
 
 
 def test_advantages_by_hand():
@@ -79,7 +79,7 @@ def test_log_probability_of_the_mean():
 
 
 def learner(team=None, ppo=PPO, seed=0, network=NETWORK):
-    mind = Learner(OpenGround(STAGE, ppo.worlds), SMALL, network, ppo, REWARDS["go_straight"], seed, team or Alone())
+    mind = Learner(OpenGround(STAGE, ppo.worlds), SMALL, network, ppo, REWARDS["go-straight"], seed, team or Alone())
     mind.restart()
     return mind
 

@@ -25,24 +25,24 @@ def only(**wanted):
 @pytest.mark.parametrize(
     ("column", "what", "wanted"),
     [
-        ("go_straight", {"progress": 0.1}, {"R_g": 0.3, "R_t": -0.01}),
-        ("go_straight", {"progress": -0.1}, {"R_g": -0.3, "R_t": -0.01}),
-        ("go_straight", {"clearance": 0.2}, {"R_t": -0.01}),
-        ("go_straight", {"collided": True}, {"R_c": -3.75, "R_t": -0.01}),
-        ("go_straight", {"reached": True}, {"R_r": 20.0, "R_t": -0.01}),
-        ("go_straight", {"timed_out": True}, {"R_e": -5.0, "R_t": -0.01}),
-        ("go_straight", {"turn_rate": 0.3}, {"R_t": -0.01}),
-        ("go_straight", {"turn_rate": 1.0}, {"R_a": -0.35, "R_t": -0.01}),
-        ("obstacle_avoidance", {"progress": 0.1}, {"R_g": 0.1, "R_t": 0.01}),
-        ("obstacle_avoidance", {"clearance": 0.3}, {"R_o": -0.4, "R_t": 0.01}),
-        ("obstacle_avoidance", {"clearance": 0.2}, {"R_o": -0.8, "R_t": 0.01}),
-        ("obstacle_avoidance", {"clearance": 0.1}, {"R_o": -2.0, "R_t": 0.01}),
-        ("obstacle_avoidance", {"clearance": -0.01}, {"R_o": -2.0, "R_t": 0.01}),
-        ("obstacle_avoidance", {"clearance": np.inf}, {"R_t": 0.01}),
-        ("obstacle_avoidance", {"collided": True}, {"R_c": -15.0, "R_t": 0.01}),
-        ("obstacle_avoidance", {"reached": True}, {"R_r": 5.0, "R_t": 0.01}),
-        ("obstacle_avoidance", {"timed_out": True}, {"R_e": 5.0, "R_t": 0.01}),
-        ("obstacle_avoidance", {"turn_rate": 2.0}, {"R_t": 0.01}),
+        ("go-straight", {"progress": 0.1}, {"R_g": 0.3, "R_t": -0.01}),
+        ("go-straight", {"progress": -0.1}, {"R_g": -0.3, "R_t": -0.01}),
+        ("go-straight", {"clearance": 0.2}, {"R_t": -0.01}),
+        ("go-straight", {"collided": True}, {"R_c": -3.75, "R_t": -0.01}),
+        ("go-straight", {"reached": True}, {"R_r": 20.0, "R_t": -0.01}),
+        ("go-straight", {"timed_out": True}, {"R_e": -5.0, "R_t": -0.01}),
+        ("go-straight", {"turn_rate": 0.3}, {"R_t": -0.01}),
+        ("go-straight", {"turn_rate": 1.0}, {"R_a": -0.35, "R_t": -0.01}),
+        ("obstacle-avoidance", {"progress": 0.1}, {"R_g": 0.1, "R_t": 0.01}),
+        ("obstacle-avoidance", {"clearance": 0.3}, {"R_o": -0.4, "R_t": 0.01}),
+        ("obstacle-avoidance", {"clearance": 0.2}, {"R_o": -0.8, "R_t": 0.01}),
+        ("obstacle-avoidance", {"clearance": 0.1}, {"R_o": -2.0, "R_t": 0.01}),
+        ("obstacle-avoidance", {"clearance": -0.01}, {"R_o": -2.0, "R_t": 0.01}),
+        ("obstacle-avoidance", {"clearance": np.inf}, {"R_t": 0.01}),
+        ("obstacle-avoidance", {"collided": True}, {"R_c": -15.0, "R_t": 0.01}),
+        ("obstacle-avoidance", {"reached": True}, {"R_r": 5.0, "R_t": 0.01}),
+        ("obstacle-avoidance", {"timed_out": True}, {"R_e": 5.0, "R_t": 0.01}),
+        ("obstacle-avoidance", {"turn_rate": 2.0}, {"R_t": 0.01}),
         ("fusion", {"progress": 0.1, "clearance": 0.1, "turn_rate": 2.0}, {"R_g": 0.4}),
         ("fusion", {"collided": True}, {"R_c": -15.0}),
         ("fusion", {"reached": True}, {"R_r": 20.0}),
@@ -63,5 +63,5 @@ def test_an_unknown_column_is_named():
 
 @pytest.mark.parametrize("nearest", [0.02, 0.1, 0.37, 0.6, 2.0])
 def test_nearness_costs_what_evaluation_counts_as_risk(nearest):
-    cost = -terms_of("obstacle_avoidance", clearance=nearest)["R_o"]
+    cost = -terms_of("obstacle-avoidance", clearance=nearest)["R_o"]
     assert cost == pytest.approx(0.4 * risk_score(Scan(0.0, np.array([nearest]))))

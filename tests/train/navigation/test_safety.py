@@ -17,8 +17,8 @@ from train.navigation.safety import SafetyConfig, SafetyTraining
 from train.navigation.safety_samples import BINS, Samples, judge, play
 from train.navigation.weights import actor_of
 from vuca_nav.errors import BadArgument, BadWeights
+from vuca_nav.exploration.critic import load_safety
 from vuca_nav.policy.observation import ObservationConfig, goal_features
-from vuca_nav.policy.safety import load_safety
 from vuca_nav.policy.weights_file import WEIGHTS_FOLDER, load_weights
 from vuca_nav.provenance import commit
 
@@ -30,7 +30,7 @@ TINY = SafetyConfig(arena=ARENA, rounds=3, episodes=12, passes=1, hidden=8, mini
 
 @pytest.fixture
 def policy(tmp_path):
-    path = tmp_path / "fusion_plus" / "fusion_plus.safetensors"
+    path = tmp_path / "fusion-plus" / "fusion-plus.safetensors"
     path.parent.mkdir()
     return random_policy(path, TRACKED, hidden=8)
 
@@ -229,8 +229,8 @@ def test_who_drives_is_ones_own_policy_or_the_shipped_one(policy, tmp_path, monk
     assert train_navigation("safety", ["--out", str(tmp_path)]) == 0
     assert "shipped" not in capsys.readouterr().err
     assert train_navigation("safety", ["--out", str(tmp_path / "other")]) == 0
-    assert f"no {tmp_path}/other/fusion_plus/fusion_plus.safetensors, so the shipped" in capsys.readouterr().err
-    assert drove == [policy, WEIGHTS_FOLDER / "fusion_plus.safetensors"]
+    assert f"no {tmp_path}/other/fusion-plus/fusion-plus.safetensors, so the shipped" in capsys.readouterr().err
+    assert drove == [policy, WEIGHTS_FOLDER / "fusion-plus.safetensors"]
 
 
 def test_what_is_learnt_on_one_side_holds_on_the_other(policy, tmp_path):

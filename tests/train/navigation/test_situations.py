@@ -23,7 +23,7 @@ from train.navigation.situations import (
     time_to_meeting,
 )
 from vuca_nav.policy.observation import ObservationConfig
-from worlds.mover_columns import RADIUS, STATE_SIZE, V_X, V_Y, X, Y
+from worlds.motion.mover_columns import RADIUS, STATE_SIZE, V_X, V_Y, X, Y
 
 NUM_BEAMS, BODY = 180, 0.27
 """A disc of TIAGo's size."""

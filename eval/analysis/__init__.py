@@ -1,0 +1,1 @@
+"""Statistics, comparisons and pictures of evaluated episodes."""

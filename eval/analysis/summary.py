@@ -1,0 +1,110 @@
+"""From rows to a summary: rates with 95% intervals and means, a group for each thing compared."""
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+
+from eval.analysis.statistics import mean, wilson_interval
+from eval.episode import OUTCOMES
+from eval.store import Row
+
+GROUP_BY = ("world", "region", "without", "movers", "robot", "method")
+MEANS = (
+    "arriving_time",
+    "path_length",
+    "spl",
+    "arsps",
+    "ansps",
+    "min_clearance",
+    "slam_ate",
+    "slam_final_error",
+    "odometry_ate",
+    "odometry_final_error",
+    "real_time_factor",
+)
+"""Averaged over a group's episodes, however they ended; ``arriving_time`` over those that arrived."""
+
+_COLUMNS = (
+    ("time s", "arriving_time", 1),
+    ("way m", "path_length", 1),
+    ("m/coll.", "way_per_collision", 0),
+    ("SPL", "spl", 3),
+    ("ARSPS", "arsps", 4),
+    ("ANSPS", "ansps", 6),
+    ("SLAM ATE", "slam_ate", 3),
+    ("final", "slam_final_error", 3),
+    ("odom ATE", "odometry_ate", 3),
+    ("final", "odometry_final_error", 3),
+    ("RTF", "real_time_factor", 1),
+)
+
+
+def is_result(row: Row) -> bool:
+    """Whether a row has what is summarised."""
+    return row.get("outcome") in OUTCOMES and all(
+        name in row and isinstance(row[name], (int, float, type(None))) for name in MEANS
+    )
+
+
+def summarise(rows: Sequence[Row]) -> list[Row]:
+    """A summary for each group, the groups in order; the rows' order does not matter."""
+    groups: dict[tuple, list[Row]] = {}
+    for row in rows:
+        groups.setdefault(tuple(row[key] for key in GROUP_BY), []).append(row)
+    ordered = sorted(groups.items(), key=lambda item: [(part is None, part) for part in item[0]])
+    return [{**dict(zip(GROUP_BY, key)), **statistics_of(members)} for key, members in ordered]
+
+
+def statistics_of(rows: Sequence[Row]) -> Row:
+    """Rates and means of some rows; no rows give rates of None and the interval [0, 1].
+
+    ``way_per_collision`` is the way of all episodes together over the number of collisions [m], None if there is none.
+    """
+    n = len(rows)
+    counts = {outcome: sum(row["outcome"] == outcome for row in rows) for outcome in OUTCOMES}
+    rates = {
+        outcome: {"count": k, "rate": k / n if n else None, "interval": list(wilson_interval(k, n))}
+        for outcome, k in counts.items()
+    }
+    taken = [row["way"] for row in rows if row.get("way") is not None]
+    ways = {
+        way: {"count": k, "rate": k / len(taken), "interval": list(wilson_interval(k, len(taken)))}
+        for way, k in sorted(Counter(taken).items())
+    }
+    collisions, way = counts["collision"], math.fsum(row["path_length"] or 0.0 for row in rows)
+    return {
+        "n": n,
+        **rates,
+        "ways": ways,
+        **{name: mean(row[name] for row in rows) for name in MEANS},
+        "way_per_collision": way / collisions if collisions else None,
+    }
+
+
+def table(groups: Sequence[Row], total: Row) -> str:
+    """The summary for a terminal: counts with 95% Wilson intervals, means, lengths in metres; last of all rows.
+
+    ``m/coll.`` is the way for each collision.
+    """
+    header = ["episodes", "n", *OUTCOMES, *(title for title, _, _ in _COLUMNS)]
+    lines = [header]
+    for title, group in [*((_title(group), group) for group in groups), ("all", total)]:
+        means = ("-" if group[name] is None else f"{group[name]:.{digits}f}" for _, name, digits in _COLUMNS)
+        lines.append([title, str(group["n"]), *(_rate(group[o]) for o in OUTCOMES), *means])
+    widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
+    return "\n".join(
+        "  ".join(cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(line, widths)))
+        for line in lines
+    )
+
+
+def _rate(outcome: Row) -> str:
+    low, high = outcome["interval"]
+    return f"{outcome['count']} [{100 * low:.0f}-{100 * high:.0f}%]"
+
+
+def _title(group: Row) -> str:
+    region = "" if group["region"] is None else f" {group['region']}"
+    movers = "" if group["movers"] is None else f" movers={group['movers']}"
+    without = f" without {group['without']}" if group["without"] else ""
+    return f"{group['world']}{region}{movers}{without}, {group['robot']}, {group['method']}"

@@ -1,0 +1,1 @@
+"""The bodies: MJCF, limits, actuation."""

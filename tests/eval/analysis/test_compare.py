@@ -1,0 +1,110 @@
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from eval.analysis.compare import CompareArguments, compare, main, read_episodes, table
+from eval.analysis.statistics import paired_difference
+from vuca_nav.errors import BadArgument
+
+TASK = {"world": "square", "region": None, "movers": 8, "without": "", "robot": "go2", "start": None, "goal": None}
+
+
+def evaluation(folder, outcomes, **task):
+    """A directory with an episode of seed 0, 1, ... for each outcome; None leaves one out."""
+    folder.mkdir(exist_ok=True)
+    rows = [{**TASK, **task, "seed": k, "outcome": outcome} for k, outcome in enumerate(outcomes) if outcome]
+    with open(folder / "episodes.jsonl", "a") as file:
+        file.writelines(json.dumps(row) + "\n" for row in rows)
+    return folder
+
+
+def test_pairs_are_of_the_same_episode(tmp_path):
+    a = evaluation(tmp_path / "a", ["success", "collision", "collision", "timeout", "success"])
+    b = evaluation(tmp_path / "b", [None, "success", "success", "success", "collision", "success"])
+    (name, row), *others = compare(read_episodes(a), read_episodes(b)).items()
+    assert not others
+    assert name == "go2, square, 8 movers"
+    assert row.pairs == 4
+    first, second = [False, False, False, True], [True, True, True, False]
+    assert row.of["success"] == paired_difference(np.array(first), np.array(second))
+    assert row.of["success"][0] == pytest.approx(0.5)
+    assert row.of["collision"][0] == pytest.approx(-0.25)
+    assert row.of["timeout"][0] == pytest.approx(-0.25)
+
+
+def test_tasks_are_told_apart_and_added_up(tmp_path):
+    a, b = tmp_path / "a", tmp_path / "b"
+    for movers, before, after in ((8, "collision", "success"), (16, "success", "success")):
+        evaluation(a, [before] * 3, movers=movers)
+        evaluation(b, [after] * 3, movers=movers)
+    differences = compare(read_episodes(a), read_episodes(b))
+    assert [(name, row.pairs, row.of["success"][0]) for name, row in differences.items()] == [
+        ("go2, square, 8 movers", 3, 1.0),
+        ("go2, square, 16 movers", 3, 0.0),
+        ("all", 6, 0.5),
+    ]
+    assert "| all | 6 of 3 seeds | +50 [" in table("b", "a", differences)
+
+
+def test_a_seed_in_several_tasks_is_one_observation(tmp_path):
+    a, b = tmp_path / "a", tmp_path / "b"
+    before, after = ["collision", "success", "success"], ["success", "success", "collision"]
+    for movers in (8, 16, 24, 40):  # the same comes of a seed, whatever the number of movers
+        evaluation(a, before, movers=movers)
+        evaluation(b, after, movers=movers)
+    differences = compare(read_episodes(a), read_episodes(b))
+    assert (differences["all"].pairs, differences["all"].seeds) == (12, 3)
+    assert differences["all"].of == differences["go2, square, 8 movers"].of
+
+
+def test_a_body_that_falls_less_is_seen_to(tmp_path):
+    a = evaluation(tmp_path / "a", ["fall", "fall", "success", "fall"])
+    b = evaluation(tmp_path / "b", ["timeout", "success", "success", "fall"])
+    differences = compare(read_episodes(a), read_episodes(b))
+    (row,) = differences.values()
+    assert {name: of[0] for name, of in row.of.items()} == {
+        "success": 0.25,
+        "collision": 0.0,
+        "fall": -0.5,
+        "timeout": 0.25,
+    }
+    header, _, line = table("b", "a", differences).splitlines()[2:]
+    assert header == "| task | pairs | success | collision | fall | timeout |"
+    assert line.split(" | ")[4].startswith("-50 [")
+
+
+def test_only_some_seeds(tmp_path):
+    a = evaluation(tmp_path / "a", ["success"] * 6)
+    assert len(read_episodes(a, (2, 5))) == 3
+    with pytest.raises(BadArgument, match="of these seeds"):
+        read_episodes(a, (7, 9))
+
+
+def test_what_cannot_be_compared_is_said(tmp_path):
+    a = evaluation(tmp_path / "a", ["success"])
+    with pytest.raises(BadArgument, match="two or more"):
+        main(CompareArguments((a,)))
+    with pytest.raises(BadArgument, match=r"none.*episodes\.jsonl"):
+        main(CompareArguments((a, tmp_path / "none")))
+    with pytest.raises(BadArgument, match="in common"):
+        main(CompareArguments((a, evaluation(tmp_path / "b", ["success"], robot="tiago"))))
+    (tmp_path / "a" / "episodes.jsonl").write_text("[1]\n")
+    with pytest.raises(BadArgument, match="not a list of episodes"):
+        read_episodes(a)
+
+
+def test_the_table_is_printed(tmp_path, capsys):
+    a, b = (evaluation(tmp_path / name, ["success", "collision"]) for name in "ab")
+    main(CompareArguments((a, b)))
+    assert "`b` less `a`" in capsys.readouterr().out
+
+
+def test_a_mistake_is_a_line_and_exit_code_2(tmp_path):
+    command = [sys.executable, "-m", "eval.analysis.compare", str(tmp_path / "none"), str(tmp_path / "other")]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert result.returncode == 2
+    assert result.stderr.startswith("compare: ")
+    assert result.stderr.count("\n") == 1

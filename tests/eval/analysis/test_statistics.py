@@ -1,0 +1,129 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eval.analysis.statistics import mean, paired_difference, resampled_totals, wilson_interval
+
+
+@pytest.mark.parametrize(
+    ("successes", "trials", "low", "high"),
+    [
+        (8, 10, 0.4902, 0.9433),
+        (0, 10, 0.0, 0.2775),
+        (10, 10, 0.7225, 1.0),
+        (95, 100, 0.8882, 0.9785),
+        (1, 29, 0.0061, 0.1718),  # Newcombe 1998, Table I, method 3
+        (81, 263, 0.2553, 0.3662),  # the same
+    ],
+)
+def test_published_intervals(successes, trials, low, high):
+    assert wilson_interval(successes, trials) == pytest.approx((low, high), abs=5e-5)
+
+
+@given(st.integers(1, 500).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
+def test_interval_holds_the_proportion_and_is_symmetric(case):
+    successes, trials = case
+    low, high = wilson_interval(successes, trials)
+    assert 0.0 <= low <= successes / trials <= high <= 1.0
+    assert high - low > 0.0
+    mirrored = wilson_interval(trials - successes, trials)
+    assert (1.0 - mirrored[1], 1.0 - mirrored[0]) == pytest.approx((low, high), abs=1e-12)
+
+
+def test_no_trials_say_nothing():
+    assert wilson_interval(0, 0) == (0.0, 1.0)
+
+
+@pytest.mark.parametrize(("successes", "trials"), [(3, 2), (-1, 2)])
+def test_impossible_counts_are_refused(successes, trials):
+    with pytest.raises(ValueError, match="successes must be in"):
+        wilson_interval(successes, trials)
+
+
+def test_mean_leaves_out_what_is_missing():
+    assert mean([1.0, None, 3.0]) == 2.0
+    assert mean([None]) is None
+
+
+@given(st.lists(st.floats(-1e6, 1e6), min_size=1), st.randoms(use_true_random=False))
+def test_mean_does_not_depend_on_the_order(values, random):
+    shuffled = list(values)
+    random.shuffle(shuffled)
+    assert mean(shuffled) == mean(values)
+    assert math.isfinite(mean(values) or 0.0)
+
+
+def test_a_paired_difference_by_hand():
+    first = np.array([True] * 60 + [False] * 40)
+    second = np.array([True] * 50 + [False] * 10 + [True] * 20 + [False] * 20)
+    difference, low, high = paired_difference(first, second)
+    assert difference == pytest.approx(0.10)
+    # (20.5 - 10.5) / 102, +- 1.96 sqrt(31 - 100 / 102) / 102
+    assert low == pytest.approx(0.09804 - 0.10526, abs=1e-4)
+    assert high == pytest.approx(0.09804 + 0.10526, abs=1e-4)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_no_interval_of_few_pairs_ends_beyond_what_is_possible(n):
+    never, always = np.zeros(n, np.bool_), np.ones(n, np.bool_)
+    gained, lost = paired_difference(never, always), paired_difference(always, never)
+    assert gained[0] == gained[2] == 1.0  # 1 / 3 + 1.96 sqrt(2 - 1 / 3) / 3 = 1.18 for a single pair
+    assert lost[0] == lost[1] == -1.0
+    assert (gained[1], lost[2]) == pytest.approx((-lost[2], -gained[1]))
+    assert -1.0 < gained[1] < 1.0
+
+
+def test_a_difference_over_clusters_by_hand():
+    # Three seeds of two tasks each: differences of (+1, 0), (+1, +1) and (0, -1), so +0.5, +1 and -0.5.
+    first = np.array([0, 0, 0, 1, 0, 1], np.bool_)
+    second = np.array([1, 1, 1, 1, 0, 0], np.bool_)
+    seeds = np.array([7, 9, 9, 7, 8, 8])
+    difference, low, high = paired_difference(first, second, seeds)
+    assert difference == pytest.approx(1.0 / 3.0)
+    # 1 / 5, +- 1.96 sqrt(1.5 + 1 - 1 / 5) / 5
+    assert low == pytest.approx(0.2 - 0.59448, abs=1e-4)
+    assert high == pytest.approx(0.2 + 0.59448, abs=1e-4)
+
+
+def test_clusters_of_one_episode_are_pairs():
+    rng = np.random.default_rng(0)
+    first, second = rng.random((2, 30)) < 0.6
+    assert paired_difference(first, second, rng.permutation(30)) == pytest.approx(paired_difference(first, second))
+
+
+def test_every_cluster_weighs_the_same():
+    first, second = np.zeros(4, np.bool_), np.array([1, 1, 1, 0], np.bool_)
+    assert paired_difference(first, second, np.array([0, 0, 0, 1]))[0] == pytest.approx(0.5)
+
+
+def test_the_interval_over_clusters_holds_what_is_true():
+    """Of a shared seed four episodes come out alike: pairs taken one by one would miss in one case of four."""
+    rng, seeds, trials = np.random.default_rng(0), np.repeat(np.arange(25), 4), 400
+    holds = {"clusters": 0, "pairs": 0}
+    for _ in range(trials):
+        draws = 0.95 * rng.normal(size=(2, 25, 1)) + 0.31 * rng.normal(size=(2, 25, 4))
+        first, second = (draws < 0.0).reshape(2, -1)  # each succeeds in half of the episodes
+        for name, clusters in (("clusters", seeds), ("pairs", None)):
+            _, low, high = paired_difference(first, second, clusters)
+            holds[name] += low <= 0.0 <= high
+    assert holds["clusters"] / trials == pytest.approx(0.95, abs=0.025)
+    assert holds["pairs"] / trials < 0.8
+
+
+def test_resampled_totals():
+    """Of draws of n episodes: the mean is the total, the spread sqrt(n) times the episodes'; strata stay."""
+    sums = np.stack([np.arange(50.0), np.ones(50)], 1)
+    totals = resampled_totals(sums, np.zeros(50, int), 4000, np.random.default_rng(0))
+    assert totals.shape == (4000, 2)
+    assert (totals[:, 1] == 50.0).all()
+    assert totals[:, 0].mean() == pytest.approx(1225.0, rel=0.01)
+    assert totals[:, 0].std() == pytest.approx(math.sqrt(50) * np.arange(50.0).std(), rel=0.05)
+    by_stratum = resampled_totals(
+        np.repeat([[1.0], [3.0]], 25, 0), np.repeat([0, 1], 25), 100, np.random.default_rng(0)
+    )
+    assert (by_stratum == 100.0).all()
+    again = resampled_totals(sums, np.zeros(50, int), 4000, np.random.default_rng(0))
+    np.testing.assert_array_equal(totals, again)

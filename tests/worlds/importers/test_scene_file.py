@@ -1,0 +1,270 @@
+"""Scene files: exact round trips, and bad files answered with the path of the bad field."""
+
+import copy
+import json
+import math
+
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from jsonschema import Draft202012Validator
+
+from vuca_nav.errors import BadWorld
+from vuca_nav.types import Pose2
+from worlds import WORLDS, load_scene, make_world, save_scene
+from worlds.importers.scene_file import SCHEMA_FILE
+from worlds.shortest_path import shortest_path_length
+from worlds.world import (
+    MOVER_KINDS,
+    OBSTACLE_KINDS,
+    Box,
+    Cylinder,
+    Mover,
+    MoverPart,
+    Obstacle,
+    Patrol,
+    RandomWalk,
+    SocialForce,
+    World,
+)
+
+SMALL = {
+    "format": "vuca-scene-1",
+    "name": "small",
+    "seed": 0,
+    "bounds": {"x_min": 0.0, "y_min": 0.0, "x_max": 10.0, "y_max": 8},
+    "start": {"x": 1.0, "y": 1.0, "yaw": 0.0},
+    "goal": {"x": 9, "y": 7.0},
+    "obstacles": [
+        {"kind": "wall", "shape": {"type": "box", "x": 5, "y": 0.1, "length": 10, "width": 0.2, "yaw": 0, "height": 2}},
+        {"kind": "pillar", "shape": {"type": "cylinder", "x": 5, "y": 4, "radius": 0.5, "height": 2, "base": 0}},
+    ],
+    "movers": [
+        {
+            "kind": "cylinder",
+            "radius": 0.3,
+            "start": {"x": 3, "y": 4, "yaw": 0},
+            "motion": {"type": "random_walk", "speed": 0.5, "seed": 7},
+            "parts": [{"shape": {"type": "cylinder", "x": 0, "y": 0, "radius": 0.3, "height": 1}}],
+        },
+        {
+            "kind": "legs",
+            "radius": 0.4,
+            "start": {"x": 2, "y": 6, "yaw": 0},
+            "motion": {"type": "patrol", "speed": 0.5, "waypoints": [{"x": 2, "y": 6}, {"x": 8, "y": 6}]},
+            "parts": [
+                {"shape": {"type": "cylinder", "x": 0, "y": 0.1, "radius": 0.08, "height": 0.9}, "swing": 0.2},
+                {"shape": {"type": "cylinder", "x": 0, "y": -0.1, "radius": 0.08, "height": 0.9}, "swing": -0.2},
+            ],
+        },
+    ],
+}
+
+
+def write(tmp_path, document):
+    path = tmp_path / "scene.yaml"
+    path.write_text(document if isinstance(document, str) else yaml.safe_dump(document))
+    return path
+
+
+def changed(path, value):
+    """The small scene with one field set (or deleted, if the value is ``...``)."""
+    document = copy.deepcopy(SMALL)
+    at = document
+    for key in path[:-1]:
+        at = at[key]
+    if value is ...:
+        del at[path[-1]]
+    else:
+        at[path[-1]] = value
+    return document
+
+
+def test_the_schema_is_a_schema():
+    Draft202012Validator.check_schema(json.loads(SCHEMA_FILE.read_text()))
+
+
+def test_a_small_scene(tmp_path):
+    world = load_scene(write(tmp_path, SMALL))
+    assert world.bounds == (0.0, 0.0, 10.0, 8.0)
+    assert world.obstacles[1] == Obstacle("pillar", Cylinder(5.0, 4.0, 0.5, 2.0))
+    assert world.movers[1].parts[1].swing == -0.2
+    assert world.movers[0].motion == RandomWalk(0.5, 7)
+    assert isinstance(world.goal[0], float)
+
+
+@pytest.mark.parametrize("name", sorted(WORLDS))
+def test_generated_worlds_come_back_equal(name, tmp_path):
+    for seed in range(3):
+        world = make_world(name, seed)
+        save_scene(world, tmp_path / "scene.yaml")
+        assert load_scene(tmp_path / "scene.yaml") == world
+
+
+real = st.floats(-1e3, 1e3)
+size = st.floats(1e-6, 1e2)
+shape = st.one_of(
+    st.builds(Box, real, real, size, size, real, size, st.floats(0.0, 10.0)),
+    st.builds(Cylinder, real, real, size, size, st.floats(0.0, 10.0)),
+)
+point = st.tuples(real, real)
+motion = st.one_of(
+    st.builds(RandomWalk, st.floats(0.0, 5.0), st.integers(0, 2**64 - 1)),
+    st.builds(Patrol, st.floats(0.0, 5.0), st.lists(point, min_size=1, max_size=3).map(tuple)),
+    st.builds(SocialForce, st.floats(0.0, 5.0), st.lists(point, min_size=1, max_size=3).map(tuple)),
+)
+mover = st.builds(
+    Mover,
+    st.sampled_from(MOVER_KINDS),
+    st.lists(st.builds(MoverPart, shape, real), min_size=1, max_size=3).map(tuple),
+    size,
+    st.builds(Pose2, real, real, real),
+    motion,
+)
+any_world = st.builds(
+    World,
+    st.text("abc -:#'\"é", min_size=1),
+    st.integers(0, 2**40),
+    st.tuples(real, real, real, real),
+    st.lists(st.builds(Obstacle, st.sampled_from(OBSTACLE_KINDS), shape, st.booleans()), max_size=4).map(tuple),
+    st.lists(mover, max_size=3).map(tuple),
+    st.builds(Pose2, real, real, real),
+    point,
+)
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(world=any_world)
+def test_the_format_is_exact_for_any_numbers(world, tmp_path, monkeypatch):
+    """Of the format alone, so the check of what makes sense is left out."""
+    monkeypatch.setattr("worlds.importers.scene_file.check_world", lambda world, source: None)
+    save_scene(world, tmp_path / "any.yaml")
+    assert load_scene(tmp_path / "any.yaml") == world
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "message"),
+    [
+        (("obstacles", 1, "shape", "radius"), -1, "obstacles[1].shape.radius: -1 is less than or equal to the minimum"),
+        (("obstacles", 1, "shape", "base"), -0.5, "obstacles[1].shape.base: -0.5 is less than the minimum of 0"),
+        (("obstacles", 1, "shape", "radius"), "big", "obstacles[1].shape.radius: 'big' is not a number"),
+        (("obstacles", 1, "shape", "radius"), ..., "obstacles[1].shape: radius missing"),
+        (("obstacles", 1, "shape", "yaw"), 0.0, "obstacles[1].shape: unknown field yaw; its fields are type, x,"),
+        (("obstacles", 1, "shape", "type"), "cone", "obstacles[1].shape.type: 'cone' is not one of box, cylinder"),
+        (("obstacles", 0, "kind"), "fence", "obstacles[0].kind: 'fence' is not one of wall, block, shelf"),
+        (("obstacles",), {}, "obstacles: {} is not a list"),
+        (("movers", 0, "motion", "speed"), 9, "movers[0].motion.speed: 9 is greater than the maximum of 5"),
+        (("movers", 0, "motion", "seed"), 1.5, "movers[0].motion.seed: 1.5 is not an integer"),
+        (("movers", 0, "parts"), [], "movers[0].parts: "),
+        (("movers", 1, "motion", "waypoints", 1, "x"), ..., "movers[1].motion.waypoints[1]: x missing"),
+        (("start", "x"), math.nan, "start.x: nan is not a finite number"),
+        (("bounds", "x_max"), math.inf, "bounds.x_max: inf is not a finite number"),
+        (("bounds", "x_max"), -3.0, "bounds.x_max: -3 is not greater than x_min, which is 0"),
+        (("bounds", "x_max"), 201, "bounds.x_max: 201 m from x_min; 200 m or less would be right"),
+        (("bounds", "x_max"), 1e6, "bounds.x_max: 1000000.0 is greater than the maximum of 10000"),
+        (("start", "x"), 1e6, "start.x: 1000000.0 is greater than the maximum of 10000"),
+        (("obstacles", 1, "shape", "height"), 0.04, "obstacles[1]: its top is 0.04 m above the floor"),
+        (("movers", 0, "parts", 0, "shape", "height"), 0.02, "movers[0]: its top is 0.02 m above the floor"),
+        (("obstacles", 1, "outer"), 1, "obstacles[1].outer: 1 is not true or false"),
+        (("movers", 0, "start", "x"), 9.8, "movers[0].start: (9.8, 4) is 0.20 m from the bounds; 0.3 m around it"),
+        (("format",), "vuca-scene-9", "format: 'vuca-scene-9' should be 'vuca-scene-1'"),
+        (("colour",), "red", "the file: unknown field colour; its fields are format, name"),
+        (("goal",), {"x": 5.1, "y": 4.2}, "goal: (5.1, 4.2) is inside obstacles[1] (a pillar)"),
+        (("start", "y"), 0.1, "start: (1, 0.1) is inside obstacles[0] (a wall)"),
+        (("goal", "y"), 11.0, "goal: (9, 11) is out of bounds; x from 0 to 10 and y from 0 to 8"),
+        (("movers", 0, "start", "x"), 5.0, "movers[0].start: (5, 4) is inside obstacles[1]"),
+        (("movers", 0, "start", "x"), 4.3, "movers[0].start: (4.3, 4) is 0.20 m from obstacles[1] (a pillar)"),
+        (("movers", 0, "start", "y"), 7.65, "movers[0].start: random walkers keep to ways of 2.2 m"),
+        (("movers", 0, "radius"), 0.2, "movers[0].radius: 0.2 does not hold the parts; 0.300 or more"),
+        (("movers", 1, "start", "x"), 2.5, "movers[1].motion.waypoints[0]: a patrol starts at its first waypoint"),
+        (("movers", 1, "motion", "waypoints", 1), {"x": 8, "y": 2}, "movers[1].motion.waypoints[1]: on the straight"),
+    ],
+)  # fmt: skip
+def test_a_bad_field_is_named(path, value, message, tmp_path):
+    file = write(tmp_path, changed(path, value))
+    with pytest.raises(BadWorld) as caught:
+        load_scene(file)
+    text = str(caught.value)
+    assert text.startswith(f"{file}: {message}")
+    assert "\n" not in text
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("name: [1, 2", "not YAML"),
+        ("", "the file: None is not a mapping"),
+        ("- 1\n- 2\n", "the file: [1, 2] is not a mapping"),
+        ("name: !!python/object:os.system {}", "not YAML"),
+        ("name: a\nseed: 0\nname: b\n", "line 3, column 1: not YAML: the key 'name' a second time"),
+        ("goal: {x: 1, y: 2, x: 3}\n", "line 1, column 20: not YAML: the key 'x' a second time"),
+    ],
+)
+def test_broken_files(text, message, tmp_path):
+    with pytest.raises(BadWorld, match=r"scene.yaml: ") as caught:
+        load_scene(write(tmp_path, text))
+    assert message in str(caught.value)
+
+
+def test_files_that_cannot_be_read_or_written(tmp_path):
+    with pytest.raises(BadWorld, match="No such file"):
+        load_scene(tmp_path / "none.yaml")
+    with pytest.raises(BadWorld, match="Is a directory"):
+        load_scene(tmp_path)
+    (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00\x81")
+    with pytest.raises(BadWorld, match="not a text in UTF-8"):
+        load_scene(tmp_path / "binary.yaml")
+    with pytest.raises(BadWorld, match="cannot be written"):
+        save_scene(make_world("static", 0), tmp_path / "no" / "such" / "folder.yaml")
+
+
+def leaves(value, path=()):
+    if isinstance(value, dict):
+        for key, item in value.items():
+            yield from leaves(item, (*path, key))
+    elif isinstance(value, list):
+        for i, item in enumerate(value):
+            yield from leaves(item, (*path, i))
+    else:
+        yield path
+
+
+@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(path=st.sampled_from(list(leaves(SMALL))), value=st.sampled_from([None, [], {}, ..., math.nan, "?"]))
+def test_any_spoilt_leaf_is_refused_in_one_line(path, value, tmp_path):
+    if path == ("name",) and value == "?":
+        return
+    optional = path[-1] in ("base", "swing") and value is ...
+    file = write(tmp_path, changed(path, value))
+    if optional:
+        load_scene(file)
+        return
+    with pytest.raises(BadWorld) as caught:
+        load_scene(file)
+    text = str(caught.value)
+    assert str(path[0]) in text
+    assert "\n" not in text
+
+
+def test_the_documented_example_is_a_scene(tmp_path):
+    world = load_scene(documented_example(tmp_path))
+    assert world.name == "two rooms"
+    assert shortest_path_length(world, 0.35) < 14.0
+
+
+def documented_example(tmp_path):
+    text = (SCHEMA_FILE.parents[1] / "docs" / "scene-format.md").read_text()
+    return write(tmp_path, text.split("```yaml\n")[1].split("```")[0])
+
+
+def test_the_documented_example_without_corridors_is_one_room(tmp_path):
+    opened = make_world(str(documented_example(tmp_path)), 0, without="C")
+    assert sum(o.kind == "wall" for o in opened.obstacles) == 4
+
+
+def test_something_low_is_counted_from_the_floor(tmp_path):
+    """A slab of 0.02 m that hangs at 0.5 m is seen and hit."""
+    shape = {"type": "box", "x": 5, "y": 7.5, "length": 1, "width": 0.4, "yaw": 0, "height": 0.02, "base": 0.5}
+    document = changed(("obstacles", 1, "shape"), shape)
+    assert load_scene(write(tmp_path, document)).obstacles[1].shape.base == 0.5

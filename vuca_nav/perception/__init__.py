@@ -1,0 +1,1 @@
+"""Perception: what one scan and the odometry say about the surroundings."""

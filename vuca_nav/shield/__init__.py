@@ -1,0 +1,1 @@
+"""The shield: a filter under any local policy."""

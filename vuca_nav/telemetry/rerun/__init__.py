@@ -1,0 +1,1 @@
+"""Recording for the Rerun viewer."""

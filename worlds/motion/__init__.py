@@ -1,0 +1,1 @@
+"""How moving obstacles move."""

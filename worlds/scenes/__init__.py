@@ -1,0 +1,1 @@
+"""Generators of scenes, each from a seed."""

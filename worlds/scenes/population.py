@@ -1,0 +1,175 @@
+"""Who moves: the bodies of moving obstacles, and where they start."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.random import Generator
+from scipy import ndimage
+
+from vuca_nav.errors import BadWorld
+from vuca_nav.types import Pose2
+from worlds.clearance import ClearanceField, distance_to_wide_ways
+from worlds.scenes.generation import Layout, reachable_cells, solvable_layout, stream, uniform
+from worlds.world import Box, Cylinder, Mover, MoverKind, MoverPart, RandomWalk, World
+
+MOVER_WAY = 2.2
+"""Moving obstacles keep out of ways narrower than this [m]."""
+WAY_MARGIN = 0.08
+"""Between a mover and the edge of its ways [m]; more than half the diagonal of a 0.1 m cell (0.071 m)."""
+START_DISTANCE = 2.0
+"""Free room between a mover and a robot at its start [m]."""
+LARGEST_FOOTPRINT = 0.5
+"""Circumscribed radius of the largest body that the worlds are made for [m]. Movers keep off the start for this one,
+whatever body drives: every body meets the same movers."""
+SMALLEST_WAY = 5.0
+"""Movers start only where their ways extend at least this far: none is left to turn on the spot in a junction [m]."""
+
+Body = tuple[tuple[MoverPart, ...], float]
+"""Parts and the radius of the circle that holds them."""
+
+
+def cylinder_body(rng: Generator, radius: tuple[float, float] = (0.18, 0.35)) -> Body:
+    """A barrel, a bin, a small round robot."""
+    r = uniform(rng, *radius)
+    return (MoverPart(Cylinder(0.0, 0.0, r, uniform(rng, 0.6, 1.7))),), r
+
+
+def box_body(rng: Generator, length: tuple[float, float] = (0.35, 0.55)) -> Body:
+    """A crate on hidden wheels."""
+    a, b = uniform(rng, *length), uniform(rng, 0.3, 0.42)
+    return (MoverPart(Box(0.0, 0.0, a, b, 0.0, uniform(rng, 0.6, 1.4))),), math.hypot(a, b) / 2
+
+
+def cart_body(rng: Generator) -> Body:
+    """A platform with a load in front and a handle behind; a lidar sees the platform's skirt."""
+    a, b, deck = uniform(rng, 0.48, 0.56), uniform(rng, 0.36, 0.40), uniform(rng, 0.36, 0.42)
+    parts = (
+        MoverPart(Box(0.0, 0.0, a, b, 0.0, deck)),
+        MoverPart(Box(round(a / 2 - 0.17, 4), 0.0, 0.3, round(b - 0.06, 4), 0.0, uniform(rng, 0.3, 0.7), base=deck)),
+        MoverPart(Box(round(0.02 - a / 2, 4), 0.0, 0.04, round(b - 0.08, 4), 0.0, 0.6, base=deck)),
+    )
+    return parts, math.hypot(a, b) / 2
+
+
+def legs_body(rng: Generator) -> Body:
+    """A walking pair of legs, swinging against each other."""
+    r, apart, swing = uniform(rng, 0.07, 0.09), uniform(rng, 0.09, 0.12), uniform(rng, 0.14, 0.2)
+    parts = (
+        MoverPart(Cylinder(0.0, apart, r, 0.85), swing),
+        MoverPart(Cylinder(0.0, -apart, r, 0.85), -swing),
+    )
+    return parts, math.hypot(swing, apart) + r
+
+
+def person_body(rng: Generator) -> Body:
+    """Legs that carry a trunk; the lidar sees the legs, the robot can hit both."""
+    legs, _ = legs_body(rng)
+    trunk = uniform(rng, 0.17, 0.2)
+    swing, apart, r = abs(legs[0].swing), legs[0].shape.y, legs[0].shape.radius  # type: ignore[union-attr]
+    return (*legs, MoverPart(Cylinder(0.0, 0.0, trunk, 0.85, base=0.85))), max(math.hypot(swing, apart) + r, trunk)
+
+
+BODIES: dict[MoverKind, Callable[[Generator], Body]] = {
+    "cylinder": cylinder_body,
+    "box": box_body,
+    "cart": cart_body,
+    "legs": legs_body,
+    "person": person_body,
+}
+
+
+def walkers(
+    rng: Generator,
+    layout: Layout,
+    field: ClearanceField,
+    count: int,
+    kinds: tuple[MoverKind, ...],
+    speeds: tuple[float, float],
+    within: tuple[float, float, float, float] | None = None,
+    taken: tuple[Mover, ...] = (),
+) -> tuple[Mover, ...]:
+    """Movers that walk at random, each starting in a wide way that the robot can reach, and 2 m off the robot.
+
+    Args:
+        rng: Where they come from.
+        layout: The scene.
+        field: Its clearance.
+        count: How many.
+        kinds: In turn.
+        speeds: Slowest and fastest [m/s].
+        within: Only start in this part of the bounds.
+        taken: Movers already placed, to start apart from.
+
+    Raises:
+        BadWorld: The wide ways have no room for as many.
+    """
+    x0, y0, x1, y1 = within or layout.bounds
+    away = distance_to_wide_ways(field, MOVER_WAY)
+    usable = reachable_cells(field, layout.start[:2], MOVER_WAY / 2 - 0.25) & long_ways(away, field.resolution)
+    cells = np.argwhere(usable)
+    points = field.centres(cells)
+    inside = (points[:, 0] > x0) & (points[:, 0] < x1) & (points[:, 1] > y0) & (points[:, 1] < y1)
+    away_there, points = away[usable][inside], points[inside]
+    movers: list[Mover] = []
+    for i in range(count):
+        kind = kinds[i % len(kinds)]
+        parts, radius = BODIES[kind](rng)
+        free = away_there <= MOVER_WAY / 2 - radius - WAY_MARGIN
+        keep_off = START_DISTANCE + radius + LARGEST_FOOTPRINT
+        free &= np.hypot(points[:, 0] - layout.start.x, points[:, 1] - layout.start.y) >= keep_off
+        for other in (*taken, *movers):
+            free &= np.hypot(points[:, 0] - other.start.x, points[:, 1] - other.start.y) >= (
+                radius + other.radius + 0.3
+            )
+        choices = np.flatnonzero(free)
+        if len(choices) == 0:
+            raise BadWorld(
+                f"no room for mover {i + 1} of {count}: ways of {MOVER_WAY:g} m and more, away from the start, "
+                "are full; fewer movers would be right"
+            )
+        x, y = points[rng.choice(choices)]
+        movers.append(
+            Mover(
+                kind,
+                parts,
+                math.ceil(radius * 1e4) / 1e4,
+                Pose2(round(float(x), 4), round(float(y), 4), uniform(rng, -math.pi, math.pi)),
+                RandomWalk(uniform(rng, *speeds), int(rng.integers(2**31))),
+            )
+        )
+    return tuple(movers)
+
+
+def walked_ground(
+    name: str,
+    seed: int,
+    footprint_radius: float,
+    draw: Callable[[Generator], Layout | None],
+    movers: int,
+    speeds: tuple[float, float],
+) -> World:
+    """Open ground with walkers of every shape all over it.
+
+    Args:
+        name: Of the world; part of the seed.
+        seed: Of the world.
+        footprint_radius: Of the body that must get through [m].
+        draw: Makes a layout, or None if this draw came to nothing.
+        movers: How many.
+        speeds: Slowest and fastest [m/s].
+    """
+    layout, field = solvable_layout(name, seed, footprint_radius, draw)
+    kinds: tuple[MoverKind, ...] = ("cylinder", "box", "legs", "cart")
+    return layout.world(name, seed, walkers(stream(name, seed, 1000), layout, field, movers, kinds, speeds))
+
+
+def long_ways(away: np.ndarray, resolution: float) -> np.ndarray:
+    """Cells of the wide ways whose connected part extends far enough to walk in."""
+    found = ndimage.label(away <= MOVER_WAY / 2 - 0.35 - WAY_MARGIN)
+    labels: np.ndarray = found[0]  # type: ignore[index]
+    long = np.zeros(labels.max() + 1, np.bool_)
+    for i, extent in enumerate(ndimage.find_objects(labels), start=1):
+        sides = [(s.stop - s.start) * resolution for s in extent]
+        long[i] = math.hypot(*sides) >= SMALLEST_WAY
+    return long[labels]
