@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from vuca_nav.errors import BadArgument, UnknownName
-from vuca_nav.exploration.critic import SHIPPED, LearnedSafety, check_goes_with, load_safety
+from vuca_nav.exploration.critic import SHIPPED, LearnedCritic, load_critic
 from vuca_nav.exploration.explorer import ExplorerConfig
 from vuca_nav.mapping.slam import SlamConfig
 from vuca_nav.navigator import Navigator, NavigatorConfig
@@ -96,7 +96,7 @@ class Learned:
             return Navigator(body, lidar, guarded, config, telemetry)
         gamma = GAMMA if request.gamma is None else request.gamma
         config = replace(config, explorer=ExplorerConfig(gamma=gamma), exploration_rate=EXPLORATION_RATE)
-        return Navigator(body, lidar, guarded, config, telemetry, LearnedSafety(policy, load_safety(critic)))
+        return Navigator(body, lidar, guarded, config, telemetry, LearnedCritic(body, lidar, load_critic(critic)))
 
 
 def _config(request: StackRequest) -> NavigatorConfig:
@@ -181,9 +181,9 @@ def find_method(
             raise BadArgument(f"method {name!r} has no V^h; {option} goes with: {_names(safety=True)}")
     if own and learned is not None:
         weights, critic = learned.files(policy, safety)
-        loaded = load_weights(weights)
+        load_weights(weights)
         if critic is not None:
-            check_goes_with(loaded, load_safety(critic))
+            load_critic(critic)
     return method
 
 

@@ -1,31 +1,30 @@
-"""The stack: ``Navigator.step(scan, odometry) -> VelocityCommand``, each stage at its rate (Section III-A)."""
+"""The stack: ``Navigator.step(scan, odometry) -> VelocityCommand``, each stage at its rate (Zhang et al., III-A).
+
+A tick reads as the paper's figure: perceive, localise and map, explore, plan, act.
+"""
 
 import math
-from dataclasses import dataclass, field, replace
-
-import numpy as np
+from dataclasses import dataclass, field
 
 from vuca_nav.errors import BadArgument
 from vuca_nav.exploration.explorer import Explorer, ExplorerConfig
-from vuca_nav.exploration.heuristic import NoCritic, SafetyCritic
-from vuca_nav.geometry import between, compose, distance, levelling, transform_points
+from vuca_nav.exploration.heuristic import Critic, NoCritic
+from vuca_nav.geometry import compose, distance, transform_points
 from vuca_nav.mapping.grid import OccupancyGrid
-from vuca_nav.mapping.slam import Slam, SlamConfig
-from vuca_nav.planning.costmap import Costmap, CostmapConfig
-from vuca_nav.planning.paths import PathField
-from vuca_nav.planning.waypoints import farthest_free_waypoint
-from vuca_nav.policy.base import STANDING, LocalObservation, LocalPolicy
+from vuca_nav.mapping.slam import Slam, SlamConfig, SlamEstimate
+from vuca_nav.perception.percept import Percept
+from vuca_nav.perception.perception import Perception, PerceptionConfig
+from vuca_nav.planning.costmap import CostmapConfig
+from vuca_nav.planning.planner import Planner, no_plan
+from vuca_nav.planning.survey import Survey
+from vuca_nav.policy.base import LocalGoal, LocalPolicy
 from vuca_nav.telemetry.interface import Telemetry
-from vuca_nav.types import STOP, BodySpec, FloatArray, LidarSpec, Odometry, Pose2, Scan, VelocityCommand
-
-_RESORTS = ((False, False), (True, False), (False, True), (True, True))
-"""What is tried until there is something to head for: whether to doubt what has not been seen lately, for somebody may
-have been seen to stand in the way and have left it unseen; whether to try again what was given up."""
+from vuca_nav.types import STANDING, BodySpec, LidarSpec, Odometry, Pose2, Scan, VelocityCommand
 
 
 @dataclass(frozen=True, slots=True)
 class NavigatorConfig:
-    """Rates (Section III-A), and the settings of the stages."""
+    """Rates (Section III-A) and the settings of the stages."""
 
     rate: float = 30.0
     """Mapping and local control [Hz]."""
@@ -45,6 +44,7 @@ class NavigatorConfig:
     """Without ``stuck_distance`` of way in this time a target is given up [s]."""
     stuck_distance: float = 0.5
     """[m]"""
+    perception: PerceptionConfig = field(default_factory=PerceptionConfig)
     slam: SlamConfig = field(default_factory=SlamConfig)
     explorer: ExplorerConfig = field(default_factory=ExplorerConfig)
     costmap: CostmapConfig = field(default_factory=CostmapConfig)
@@ -71,7 +71,7 @@ class Navigator:
         policy: LocalPolicy,
         config: NavigatorConfig = NavigatorConfig(),
         telemetry: Telemetry = Telemetry(),
-        critic: SafetyCritic = NoCritic(),
+        critic: Critic = NoCritic(),
     ):
         """Build.
 
@@ -90,19 +90,16 @@ class Navigator:
             raise BadArgument(f"the lidar runs at {lidar.rate} Hz, the navigator at {config.rate} Hz: make them equal")
         self.body = body
         self.config = config
-        self.policy = policy
         self.telemetry = telemetry
+        self.perception = Perception(lidar, config.perception)
         self.slam = Slam(lidar, config.slam)
         self.explorer = Explorer(config.explorer, critic, telemetry)
+        self.planner = Planner(telemetry)
+        self.policy = policy
         self._planning_ticks = config.ticks(config.planning_rate)
         self._exploration_ticks = config.ticks(config.exploration_rate)
         self._trigger_ticks = config.ticks(config.trigger_rate)
         self.reset(Pose2(0.0, 0.0, 0.0), (0.0, 0.0))
-
-    @property
-    def map_from_base(self) -> Pose2:
-        """Where the robot believes it is."""
-        return self.slam.map_from_base
 
     def reset(self, start: Pose2, goal: tuple[float, float], prior_map: OccupancyGrid | None = None) -> None:
         """Begin a mission.
@@ -112,22 +109,24 @@ class Navigator:
             goal: In the map [m].
             prior_map: A map known beforehand, if there is one.
         """
+        self.perception.reset()
         self.slam.reset(start, prior_map)
         self.explorer.reset(goal)
         self.policy.reset()
-        self.goal = goal
         self.start = start
+        self.goal = goal
         self.arrived = False
+        self.map_from_base = start
+        """Where the robot believes it is."""
+        self.percept: Percept | None = None
+        """The last tick's."""
+        self.plan = no_plan(start)
         self._tick = 0
-        self._path_in_map: FloatArray = np.empty((0, 2))
-        self._waypoint = (start.x, start.y)
         self._moved_from = start
         self._moved_tick = 0
-        self._odom_from_before: Pose2 | None = None
-        self._up = (0.0, 0.0, 1.0)
 
     def step(self, scan: Scan, odometry: Odometry) -> VelocityCommand:
-        """One tick: localise and map; explore and plan when due; command.
+        """One tick.
 
         Args:
             scan: The lidar's latest.
@@ -136,107 +135,75 @@ class Navigator:
         Returns:
             The command to hold until the next tick.
         """
-        telemetry = self.telemetry
-        before = self._odom_from_before  # when the policy looked last
-        now_from_before = STANDING if before is None else between(odometry.odom_from_base, before)
-        estimate = self.slam.update(scan, odometry, self._walkers(now_from_before))
-        pose = estimate.map_from_base
-        telemetry.estimated_pose(pose, compose(self.start, odometry.odom_from_base))
-        telemetry.scan(scan, estimate.points_in_map)
-        seen = self._observation(scan, odometry, pose)
-        self._up = odometry.up
-        self.policy.look(seen)
-        self._cerebrum(scan.stamp, pose)
-        config = self.config
-        self.arrived = distance(pose, self.goal) < (config.goal_slack if self.arrived else config.goal_tolerance)
-        if self.arrived or not len(self._path_in_map):
-            self.policy.stopped()
-            command = STOP
-        else:
-            command = self._cerebellum(seen, pose)
-        telemetry.command(command)
+        self.percept = percept = self.perception.update(scan, odometry)
+        estimate = self.slam.update(percept)
+        self._follow(estimate.map_correction)
+        self.map_from_base = estimate.map_from_base
+        self.telemetry.estimated_pose(estimate.map_from_base, compose(self.start, odometry.odom_from_base))
+        self.telemetry.scan(scan, estimate.points_in_map)
+        cause = self._cause_to_explore(percept, estimate)
+        if cause is not None or self._is_planning_due(estimate.map_from_base):
+            survey = self._survey(percept, estimate)
+            exploration = self.explorer.update(cause, percept, survey)
+            self.plan = self.planner.update(exploration.approach, exploration.paths, self.plan)
+            self.telemetry.grid(estimate.navigation_grid)
+            self.telemetry.entropy(estimate.navigation_grid.entropy)
+        command = self.policy.command(percept, self._local_goal(percept, estimate.map_from_base))
+        self.telemetry.command(command)
         self._tick += 1
         return command
 
-    def _walkers(self, frame_from_base: Pose2) -> FloatArray:
-        """Who the policy knew to walk when it looked, in the frame that a pose of the base is given in.
+    def _follow(self, map_correction: Pose2) -> None:
+        """Let all that is remembered in the map move along with it."""
+        if map_correction != STANDING:
+            self.plan = self.plan.moved(map_correction)
+            self.explorer.follow(map_correction)
+            self._moved_from = compose(map_correction, self._moved_from)
+            self.telemetry.map_correction(map_correction)
 
-        (k, 3) x, y, radius [m].
-        """
-        walkers = self.policy.walkers()
-        level = walkers[:, :2] @ levelling(self._up).T
-        return np.column_stack([transform_points(frame_from_base, level), walkers[:, 2]])
-
-    def _observation(self, scan: Scan, odometry: Odometry, pose: Pose2) -> LocalObservation:
-        """What the local policy may look at, with the waypoint as it is before the cerebrum reconsiders it."""
-        last, self._odom_from_before = self._odom_from_before, odometry.odom_from_base
-        motion = STANDING if last is None else between(last, odometry.odom_from_base)
-        is_final = self._waypoint == self.goal
-        return LocalObservation(scan, self._waypoint_in_base(pose), is_final, odometry.twist, motion)
-
-    def _cerebellum(self, seen: LocalObservation, pose: Pose2) -> VelocityCommand:
-        is_final = self._waypoint == self.goal
-        return self.policy.command(replace(seen, waypoint_in_base=self._waypoint_in_base(pose), is_final=is_final))
-
-    def _waypoint_in_base(self, pose: Pose2) -> tuple[float, float]:
-        c, s = math.cos(pose.yaw), math.sin(pose.yaw)
-        dx, dy = self._waypoint[0] - pose.x, self._waypoint[1] - pose.y
-        return c * dx + s * dy, -s * dx + c * dy
-
-    def _cerebrum(self, now: float, pose: Pose2) -> None:
-        """Explore and plan, if it is time or there is cause."""
-        tick = self._tick
-        reason = "it is time" if tick % self._exploration_ticks == 0 else None
-        if tick % self._trigger_ticks == 0:
+    def _cause_to_explore(self, percept: Percept, estimate: SlamEstimate) -> str | None:
+        """Why the explorer should choose anew, None if it should not."""
+        cause = "it is time" if self._tick % self._exploration_ticks == 0 else None
+        if self._tick % self._trigger_ticks == 0:
+            pose = estimate.map_from_base
             if self._is_stuck(pose):
-                self.explorer.give_up(now)
+                self.explorer.give_up(percept.stamp)
                 self.telemetry.event("no progress: target given up", "WARN")
-            reason = self.explorer.trigger(now, self.slam.navigation_grid, (pose.x, pose.y)) or reason
-        reached = (
-            self._waypoint != self.goal
-            and len(self._path_in_map) > 0
-            and distance(pose, self._waypoint) < self.config.waypoint_reached
-            and tick % self._trigger_ticks == 0
+            cause = self.explorer.trigger(percept.stamp, estimate.navigation_grid, (pose.x, pose.y)) or cause
+        return cause
+
+    def _is_planning_due(self, map_from_base: Pose2) -> bool:
+        """At its rate, and before it when the waypoint is reached."""
+        if self._tick % self._planning_ticks == 0:
+            return True
+        plan = self.plan
+        return (
+            self._tick % self._trigger_ticks == 0
+            and len(plan.path_in_map) > 0
+            and plan.waypoint_in_map != self.goal
+            and distance(map_from_base, plan.waypoint_in_map) < self.config.waypoint_reached
         )
-        if reason is not None or reached or tick % self._planning_ticks == 0:
-            self._plan(now, pose, reason)
 
-    def _plan(self, now: float, pose: Pose2, reason: str | None) -> None:
-        grid, telemetry, position = self.slam.navigation_grid, self.telemetry, (pose.x, pose.y)
-        costmap, paths = self._survey(pose)
-        target = self.explorer.target
-        if target is not None and not paths.reaches(*target.approach):
-            reason = "no path leads to the target"
-        if reason is not None or target is None:
-            last = target
-            surveys = {False: (costmap, paths)}
-            for doubting, forgiving in _RESORTS:
-                if doubting not in surveys:
-                    surveys[doubting] = self._survey(pose, doubting=doubting)
-                costmap, paths = surveys[doubting]
-                self.explorer.target = last  # it is known to be preferred
-                target = self.explorer.choose(now, grid, costmap, paths, pose, forgiving=forgiving)
-                if target is not None:
-                    break
-            if target is not None and (last is None or target.point != last.point):
-                what = "the goal" if target.is_goal else f"({target.point[0]:.1f}, {target.point[1]:.1f})"
-                telemetry.event(f"{reason}: now heading for {what}")
-        if target is not None:
-            self._path_in_map = paths.path_to(*target.approach)
-            self._waypoint = farthest_free_waypoint(costmap, self._path_in_map, position)
-        else:
-            # Somebody stands in the way, most likely: the last path is the best guess.
-            telemetry.event("nothing can be reached: keeping the last path", "WARN")
-        telemetry.grid(grid)
-        telemetry.entropy(grid.entropy)
-        telemetry.path(self._path_in_map)
-        telemetry.waypoint(self._waypoint)
+    def _survey(self, percept: Percept, estimate: SlamEstimate) -> Survey:
+        """What the map means to this body now."""
+        moving_in_map = percept.moving.copy()
+        moving_in_map[:, :2] = transform_points(estimate.map_from_base, percept.moving[:, :2])
+        return Survey(
+            estimate.navigation_grid, self.body.radius, estimate.map_from_base, moving_in_map, self.config.costmap
+        )
 
-    def _survey(self, pose: Pose2, *, doubting: bool = False) -> tuple[Costmap, PathField]:
-        """What the map means to this body, and its ways in it."""
-        grid, position, walkers = self.slam.navigation_grid, (pose.x, pose.y), self._walkers(pose)
-        costmap = Costmap(grid, self.body.radius, position, self.config.costmap, walkers, doubting)
-        return costmap, PathField(costmap, position)
+    def _local_goal(self, percept: Percept, map_from_base: Pose2) -> LocalGoal | None:
+        """The waypoint as the lower layer sees it; None if the body has to stand."""
+        config = self.config
+        self.arrived = distance(map_from_base, self.goal) < (
+            config.goal_slack if self.arrived else config.goal_tolerance
+        )
+        if self.arrived or not len(self.plan.path_in_map) or not percept.is_valid:
+            return None
+        waypoint = self.plan.waypoint_in_map
+        c, s = math.cos(map_from_base.yaw), math.sin(map_from_base.yaw)
+        dx, dy = waypoint[0] - map_from_base.x, waypoint[1] - map_from_base.y
+        return LocalGoal((c * dx + s * dy, -s * dx + c * dy), waypoint == self.goal)
 
     def _is_stuck(self, pose: Pose2) -> bool:
         if distance(pose, self._moved_from) > self.config.stuck_distance:

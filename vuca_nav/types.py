@@ -11,8 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
-NOBODY: FloatArray = np.empty((0, 3))
-"""No walkers: x, y, radius of none."""
 
 
 class Pose2(NamedTuple):
@@ -24,6 +22,10 @@ class Pose2(NamedTuple):
     """[m]"""
     yaw: float
     """[rad], counter-clockwise"""
+
+
+STANDING = Pose2(0.0, 0.0, 0.0)
+"""No motion."""
 
 
 class Twist2(NamedTuple):

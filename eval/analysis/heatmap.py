@@ -109,8 +109,9 @@ def view_at(
         scan, odometry = simulation.step(command)
         if progress is not None:
             progress(simulation.time, distance(simulation.true_pose, navigator.goal))
-    pose = navigator.map_from_base
-    safety = safety_around(lambda points: critic.values(points, pose), pose[:2], half_side, resolution)
+    pose, percept = navigator.map_from_base, navigator.percept
+    assert percept is not None  # it has stepped
+    safety = safety_around(lambda points: critic.values(points, percept, pose), pose[:2], half_side, resolution)
     grid, (rows, columns) = navigator.slam.navigation_grid, safety.values.shape
     xs = safety.lower_left[0] + (np.arange(columns) + 0.5) * safety.resolution
     ys = safety.lower_left[1] + (np.arange(rows) + 0.5) * safety.resolution

@@ -17,14 +17,16 @@ from eval.bench.timing import Result, StageClock, best_of, result
 from eval.episode import Episode, EpisodeConfig, EpisodeResult
 from eval.runner import worker_pool
 from robots.simulation import Simulation
-from vuca_nav.exploration.critic import LearnedSafety
+from vuca_nav.exploration.critic import LearnedCritic
 from vuca_nav.exploration.explorer import Explorer
 from vuca_nav.mapping.grid import OccupancyGrid
 from vuca_nav.mapping.scan_matching import ScanMatcher
 from vuca_nav.mapping.slam import Slam
 from vuca_nav.navigator import Navigator
+from vuca_nav.perception.perception import Perception
 from vuca_nav.planning.costmap import Costmap
 from vuca_nav.planning.paths import PathField
+from vuca_nav.planning.planner import Planner
 from vuca_nav.policy.dynamic_window import DynamicWindow
 from vuca_nav.policy.learned import LearnedPolicy
 from vuca_nav.shield.shield import Shield
@@ -48,19 +50,18 @@ STAGES: list[dict[str, Any]] = [
     {"name": "moving obstacles", "owner": MoverField, "call": "step"},
     {"name": "lidar", "owner": RayCaster, "call": "cast"},
     {"name": "simulation, other", "owner": Simulation, "call": "step"},
+    {"name": "perception", "owner": Perception, "call": "update"},
     {"name": "scan matching", "owner": ScanMatcher, "call": "match"},
     {"name": "grid update", "owner": OccupancyGrid, "call": "insert"},
     {"name": "slam, other", "owner": Slam, "call": "update"},
     {"name": "costmap", "owner": Costmap, "call": "__init__"},
     {"name": "path field", "owner": PathField, "call": "__init__"},
-    {"name": "exploration", "owner": Explorer, "call": "choose"},
+    {"name": "exploration", "owner": Explorer, "call": "update"},
+    {"name": "planning", "owner": Planner, "call": "update"},
     {"name": "triggers", "owner": Explorer, "call": "trigger"},
-    {"name": "V^h", "owner": LearnedSafety, "call": "values"},
+    {"name": "V^h", "owner": LearnedCritic, "call": "values"},
     {"name": "local control", "owner": DynamicWindow, "call": "command"},
-    {"name": "policy", "owner": LearnedPolicy, "call": "look"},
     {"name": "policy", "owner": LearnedPolicy, "call": "command"},
-    {"name": "shield", "owner": Shield, "call": "look"},
-    {"name": "shield", "owner": Shield, "call": "walkers"},
     {"name": "shield", "owner": Shield, "call": "command"},
     {"name": "navigator, other", "owner": Navigator, "call": "step"},
 ]

@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 from eval.bench.timing import Result, best_of, result
 from eval.episode import Episode, EpisodeConfig
 from robots.registry import make_body
-from vuca_nav.exploration.critic import SHIPPED, LearnedSafety, load_safety
-from vuca_nav.policy.base import LocalObservation, LocalPolicy
+from vuca_nav.exploration.critic import SHIPPED, LearnedCritic, load_critic
+from vuca_nav.perception.percept import Percept
+from vuca_nav.perception.perception import Perception
+from vuca_nav.policy.base import LocalGoal, LocalPolicy
 from vuca_nav.policy.learned import LearnedPolicy
 from vuca_nav.policy.weights_file import WEIGHTS_FOLDER, load_weights
 from vuca_nav.shield.shield import Shield
 from vuca_nav.telemetry.interface import Telemetry
-from vuca_nav.types import FloatArray, Pose2, VelocityCommand
+from vuca_nav.types import Odometry, Pose2, Scan, VelocityCommand
 
 CROWD = EpisodeConfig(world="square", movers=24, method="ours")
 CROWD_TIME = 60.0
@@ -32,11 +34,12 @@ POLICY_LIMIT, CRITIC_LIMIT = 0.3, 2.0
 
 
 class Tick(NamedTuple):
-    """What a local policy is asked at a tick."""
+    """What the sensors said at a tick, and what the local policy was asked."""
 
-    seen: LocalObservation
-    asked: LocalObservation | None
-    """None where the body was told to stand without asking."""
+    scan: Scan
+    odometry: Odometry
+    goal: LocalGoal | None
+    """None where the body had to stand."""
 
 
 class Tape(LocalPolicy):
@@ -44,29 +47,16 @@ class Tape(LocalPolicy):
 
     def __init__(self, policy: LocalPolicy):
         self.policy = policy
-        self.ticks: list[Tick] = []
+        self.goals: list[LocalGoal | None] = []
 
     def reset(self) -> None:
         """Pass it on."""
         self.policy.reset()
 
-    def look(self, observation: LocalObservation) -> None:
-        """Keep it and pass it on."""
-        self.ticks.append(Tick(observation, None))
-        self.policy.look(observation)
-
-    def walkers(self) -> FloatArray:
-        """The other policy's."""
-        return self.policy.walkers()
-
-    def stopped(self) -> None:
-        """Pass it on."""
-        self.policy.stopped()
-
-    def command(self, observation: LocalObservation) -> VelocityCommand:
-        """Keep it and pass it on."""
-        self.ticks[-1] = self.ticks[-1]._replace(asked=observation)
-        return self.policy.command(observation)
+    def command(self, percept: Percept, goal: LocalGoal | None) -> VelocityCommand:
+        """Keep the goal and pass it on."""
+        self.goals.append(goal)
+        return self.policy.command(percept, goal)
 
 
 class Timed(LocalPolicy):
@@ -81,16 +71,10 @@ class Timed(LocalPolicy):
         """Pass it on."""
         self.policy.reset()
 
-    def look(self, observation: LocalObservation) -> None:
+    def command(self, percept: Percept, goal: LocalGoal | None) -> VelocityCommand:
         """Pass it on."""
         began = time.perf_counter()
-        self.policy.look(observation)
-        self.seconds += time.perf_counter() - began
-
-    def command(self, observation: LocalObservation) -> VelocityCommand:
-        """Pass it on."""
-        began = time.perf_counter()
-        command = self.policy.command(observation)
+        command = self.policy.command(percept, goal)
         self.seconds += time.perf_counter() - began
         return command
 
@@ -109,34 +93,42 @@ def record(config: EpisodeConfig, least: float) -> list[list[Tick]]:
         simulation, navigator, scan, odometry = episode.begin(Telemetry())
         tape = Tape(navigator.policy)
         navigator.policy = tape
+        sensed: list[tuple[Scan, Odometry]] = []
         while episode.judge(simulation) is None:
+            sensed.append((Scan(scan.stamp, scan.ranges.copy()), odometry))
             scan, odometry = simulation.step(navigator.step(scan, odometry))
-        tapes.append(tape.ticks)
+        tapes.append([Tick(*pair, goal) for pair, goal in zip(sensed, tape.goals, strict=True)])
         simulated += simulation.time
     return tapes
 
 
-def replay(tapes: list[list[Tick]], policy: Timed, shield: LocalPolicy | None = None) -> NDArray[np.float64]:
-    """Times of the ticks at which a command was asked for, (n, 2): of the policy, and of the shield without it [s].
+def replay(
+    tapes: list[list[Tick]], perception: Perception, policy: Timed, shield: LocalPolicy | None = None
+) -> NDArray[np.float64]:
+    """Times of the ticks at which a command was asked for.
 
     Args:
         tapes: What is asked.
+        perception: Reads the sensors.
         policy: Who is timed.
-        shield: Who guards it; without one, the policy is asked directly.
+        shield: Who filters its commands; without one, the policy is asked directly.
+
+    Returns:
+        (n, 3) of perception, of the policy, and of the shield without it [s].
     """
     outer, times = shield or policy, []
     for ticks in tapes:
+        perception.reset()
         outer.reset()
-        for seen, asked in ticks:
+        for scan, odometry, goal in ticks:
             policy.seconds = 0.0
             began = time.perf_counter()
-            outer.walkers()
-            outer.look(seen)
-            if asked is None:
-                outer.stopped()
-                continue
-            outer.command(asked)
-            times.append((policy.seconds, time.perf_counter() - began - policy.seconds))
+            percept = perception.update(scan, odometry)
+            perceived = time.perf_counter()
+            outer.command(percept, goal)
+            if goal is not None:
+                rest = time.perf_counter() - perceived - policy.seconds
+                times.append((perceived - began, policy.seconds, rest))
     return np.array(times)
 
 
@@ -150,21 +142,25 @@ def lower_layer() -> list[Result]:
     }
     plus = policies["fusion-plus"]
     shield = Shield(spec, lidar, plus)
-    paper_times, times = _least(tapes, policies["fusion"], None), _least(tapes, plus, shield)
+    perception = Perception(lidar)
+    paper_times, times = _least(tapes, perception, policies["fusion"]), _least(tapes, perception, plus, shield)
     where = f"square, {CROWD.movers} movers, {len(times)} ticks, seeds 0 to {len(tapes) - 1}"
     return [
-        *_step("fusion", paper_times[:, 0], f"observation and network, {where}", POLICY_LIMIT),
-        *_step("fusion-plus", times[:, 0], f"observation and network, {where}", POLICY_LIMIT),
-        *_step("shield", times[:, 1], f"a tick; without the policy under it, {where}", TICK),
-        result("shield_step_max", 1e3 * times[:, 1].max(), "ms", f"{_of(times[:, 1].max(), TICK)}; the greatest"),
-        _critic(plus),
+        *_step("perception", times[:, 0], f"tracks and levelled scan, {where}", TICK),
+        *_step("fusion", paper_times[:, 1], f"observation and network, {where}", POLICY_LIMIT),
+        *_step("fusion-plus", times[:, 1], f"observation and network, {where}", POLICY_LIMIT),
+        *_step("shield", times[:, 2], f"a tick; without the policy under it, {where}", TICK),
+        result("shield_step_max", 1e3 * times[:, 2].max(), "ms", f"{_of(times[:, 2].max(), TICK)}; the greatest"),
+        _critic(tapes, perception, LearnedCritic(spec, lidar, load_critic(SHIPPED))),
     ]
 
 
-def _least(tapes: list[list[Tick]], policy: Timed, shield: Shield | None) -> NDArray[np.float64]:
+def _least(
+    tapes: list[list[Tick]], perception: Perception, policy: Timed, shield: Shield | None = None
+) -> NDArray[np.float64]:
     """``replay``, each tick's least of several, after one that compiles."""
-    replay(tapes[:1], policy, shield)
-    return np.min([replay(tapes, policy, shield) for _ in range(REPEATS)], axis=0)
+    replay(tapes[:1], perception, policy, shield)
+    return np.min([replay(tapes, perception, policy, shield) for _ in range(REPEATS)], axis=0)
 
 
 def _step(name: str, seconds: NDArray[np.float64], where: str, limit: float) -> list[Result]:
@@ -175,15 +171,15 @@ def _step(name: str, seconds: NDArray[np.float64], where: str, limit: float) -> 
     ]
 
 
-def _critic(policy: Timed) -> Result:
-    """V^h of points all around, by what the policy saw last."""
-    assert isinstance(policy.policy, LearnedPolicy)
-    critic = LearnedSafety(policy.policy, load_safety(SHIPPED))
+def _critic(tapes: list[list[Tick]], perception: Perception, critic: LearnedCritic) -> Result:
+    """V^h of points all around, by what was perceived first."""
+    perception.reset()
+    percept = perception.update(tapes[0][0].scan, tapes[0][0].odometry)
     points = np.random.default_rng(0).uniform(-4.0, 4.0, (CANDIDATES, 2))
 
     def rate() -> None:
         for _ in range(CALLS):
-            critic.values(points, Pose2(0.0, 0.0, 0.0))
+            critic.values(points, percept, Pose2(0.0, 0.0, 0.0))
 
     seconds = best_of(5, rate) / CALLS
     return result(f"v_h_of_{CANDIDATES}", 1e3 * seconds, "ms", f"{_of(seconds, CRITIC_LIMIT)}; {CANDIDATES} candidates")

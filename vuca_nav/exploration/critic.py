@@ -1,34 +1,29 @@
-"""V^h of Section III-C: a critic's guess at the chance of getting to a place without meeting anything that moves."""
+"""V^h (Zhang et al., Section III-C): a critic's estimate of the chance to get to a place without meeting a mover."""
 
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from vuca_nav.errors import BadArgument, BadWeights
-from vuca_nav.exploration.heuristic import SafetyCritic
+from vuca_nav.errors import BadWeights
+from vuca_nav.exploration.heuristic import Critic
 from vuca_nav.geometry import inverse, transform_points
-from vuca_nav.policy.learned import LearnedPolicy
-from vuca_nav.policy.observation import ObservationConfig, goal_features
-from vuca_nav.policy.weights_file import (
-    LAYERS,
-    WEIGHTS_FOLDER,
-    PolicyWeights,
-    Single,
-    layer_shapes,
-    observation_config,
-)
-from vuca_nav.types import FloatArray, Pose2
+from vuca_nav.perception.percept import Percept
+from vuca_nav.policy.observation import ObservationConfig, PerceptObserver, goal_features
+from vuca_nav.policy.weights_file import LAYERS, Single, layer_shapes, observation_config
+from vuca_nav.types import BodySpec, FloatArray, LidarSpec, Pose2
 from vuca_nav.weights import checked_all, read_weights
 
 FORMAT = "vuca-safety-1"
-SHIPPED = WEIGHTS_FOLDER / "safety.safetensors"
+SHIPPED = Path(__file__).parent / "weights" / "critic.safetensors"
 BATCH = 4096
 """Points that are rated at a time: their hidden layers are held in memory."""
+MOST_LOGIT = 50.0
+"""Logits are clipped here, against overflow."""
 
 
 @dataclass(frozen=True, slots=True)
-class SafetyWeights:
+class CriticWeights:
     """What a critic's file holds, checked: a network with ReLU that gives the logit of the chance."""
 
     path: Path
@@ -40,7 +35,7 @@ class SafetyWeights:
     biases: tuple[Single, ...]
 
 
-def load_safety(path: Path) -> SafetyWeights:
+def load_critic(path: Path) -> CriticWeights:
     """Read a critic.
 
     Raises:
@@ -48,7 +43,7 @@ def load_safety(path: Path) -> SafetyWeights:
             many, or one of another shape or type or with a number that is not finite in single precision.
     """
     if not path.is_file():
-        raise BadWeights(f"no weights of a safety critic at {path}; make them with: vuca train safety")
+        raise BadWeights(f"no weights of a critic at {path}; make them with: vuca train critic")
     tensors, metadata = read_weights(path)
     if metadata.get("format") != FORMAT:
         raise BadWeights(f"{path}: format is {metadata.get('format')!r}, expected {FORMAT!r}")
@@ -56,44 +51,35 @@ def load_safety(path: Path) -> SafetyWeights:
     shapes = layer_shapes(path, tensors, "", observation.size, 1, LAYERS)
     good = checked_all(path, tensors, shapes)
     weights, biases = (tuple(good[f"{name}_{k}"] for k in range(LAYERS)) for name in ("weight", "bias"))
-    return SafetyWeights(path, observation, metadata, weights, biases)
+    return CriticWeights(path, observation, metadata, weights, biases)
 
 
-def check_goes_with(policy: PolicyWeights, critic: SafetyWeights) -> None:
-    """Raises BadArgument if the policy looks at something else than the critic does."""
-    if policy.observation != critic.observation:
-        raise BadArgument(
-            f"{policy.path} looks at {policy.observation}, but V^h's critic {critic.path.name} at "
-            f"{critic.observation}: take a method without V^h, such as 'ours-dh', or a critic that looks at the same"
-        )
-
-
-class LearnedSafety(SafetyCritic):
-    """What the robot sees now, were the point its goal: all points in one batch (Section III-C).
+class LearnedCritic(Critic):
+    """What the robot perceives now, were the point its goal: all points in one batch (Section III-C).
 
     The paper takes the value that the policy was trained with. That pays for every metre towards the goal, so that it
-    mostly measures distance, which D^h is there for; this critic was trained for nothing but who might be met
-    (``train.navigation.safety``).
+    mostly measures distance, which D^h is there for; this critic was trained for nothing but whether a moving obstacle
+    is met (``train.critic``).
 
     Args:
-        policy: Whose eyes it sees with.
-        weights: Of ``load_safety``.
+        body: What is driven.
+        lidar: What it sees with.
+        weights: Of ``load_critic``.
 
     Raises:
-        BadArgument: If the policy looks at something else than the critic does.
+        BadArgument: If the critic's observation does not go with the lidar.
     """
 
-    def __init__(self, policy: LearnedPolicy, weights: SafetyWeights):
-        check_goes_with(policy.network.weights, weights)
-        self.policy = policy
+    def __init__(self, body: BodySpec, lidar: LidarSpec, weights: CriticWeights):
+        self._observer = PerceptObserver(weights.observation, body, lidar)
         self._goal = weights.observation.goal_slice
         self._weights, self._biases = weights.weights, weights.biases
 
-    def values(self, points_in_map: FloatArray, map_from_base: Pose2) -> FloatArray:
-        """Chances (n,) for points (n, 2) [m]; all 1 while there is nothing to go by."""
-        observation = self.policy.observation
-        if observation is None:
+    def values(self, points_in_map: FloatArray, percept: Percept, map_from_base: Pose2) -> FloatArray:
+        """Chances (n,) for points (n, 2) [m]; all 1 while the percept is not valid."""
+        if not percept.is_valid:
             return np.ones(len(points_in_map))
+        observation = self._observer.observe(percept, (0.0, 0.0))
         goals = goal_features(transform_points(inverse(map_from_base), points_in_map))
         (first, second, last), (bias, bias_1, bias_2), at = self._weights, self._biases, self._goal
         # The goals' part of the first layer is all that differs between points.
@@ -103,4 +89,4 @@ class LearnedSafety(SafetyCritic):
             hidden = np.maximum(common + goals[k : k + BATCH] @ first[:, at].T, 0.0)
             hidden = np.maximum(hidden @ second.T + bias_1, 0.0)
             logit[k : k + BATCH] = (hidden @ last.T + bias_2)[:, 0]
-        return 1.0 / (1.0 + np.exp(-np.clip(logit, -50.0, 50.0)))
+        return 1.0 / (1.0 + np.exp(-np.clip(logit, -MOST_LOGIT, MOST_LOGIT)))

@@ -1,4 +1,4 @@
-"""Where to go next: the goal once it is known, else the best frontier, with patience."""
+"""The explore stage: the goal once it is known, else the best frontier, with patience (Zhang et al., Section III-C)."""
 
 import math
 from dataclasses import dataclass, field
@@ -6,12 +6,20 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from vuca_nav.exploration.frontiers import find_frontiers
-from vuca_nav.exploration.heuristic import NoCritic, SafetyCritic, score_candidates
+from vuca_nav.exploration.heuristic import Critic, NoCritic, score_candidates
+from vuca_nav.geometry import transform_points
 from vuca_nav.mapping.grid import OccupancyGrid
-from vuca_nav.planning.costmap import Costmap
+from vuca_nav.perception.percept import Percept
 from vuca_nav.planning.paths import PathField
+from vuca_nav.planning.survey import Survey
 from vuca_nav.telemetry.interface import FrontierView, Telemetry
 from vuca_nav.types import Pose2
+
+_RESORTS = ((False, False), (True, False), (False, True), (True, True))
+"""What is tried until there is something to head for: whether to doubt what has not been seen lately, for a mover may
+have stood in the way and have left unseen; whether to try again what was given up."""
+_STILL_THERE = 0.2
+"""A frontier is still there if a boundary cell is so near to where it was [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +27,7 @@ class ExplorerConfig:
     """Settings of the choice and of its triggers."""
 
     gamma: float = 0.0
-    """How much longer a way may be if that surely spares meeting somebody [m]; of no consequence without a critic."""
+    """How much longer a way may be if that surely spares meeting a moving obstacle [m]; it needs a critic."""
     look_ahead: float = 4.0
     """The critic is asked about the ways to the candidates so far ahead [m]: where they lead first can be seen."""
     min_frontier: float = 0.4
@@ -42,9 +50,9 @@ class ExplorerConfig:
     """... and all within this of it [m]."""
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Target:
-    """What the cerebrum currently heads for."""
+    """What the robot heads for: P_exploration, or the goal."""
 
     point: tuple[float, float]
     """The goal or the boundary cell, in the map [m]."""
@@ -53,12 +61,27 @@ class Target:
     is_goal: bool
 
 
+@dataclass(frozen=True, slots=True)
+class Exploration:
+    """A decision of the explorer."""
+
+    target: Target | None
+    """None if nothing can be reached."""
+    paths: PathField
+    """From the robot now, over the map as the decision took it."""
+
+    @property
+    def approach(self) -> tuple[float, float] | None:
+        """Where to drive to, in the map [m]."""
+        return None if self.target is None else self.target.approach
+
+
 @dataclass(slots=True)
 class Explorer:
     """Chooses P_exploration."""
 
     config: ExplorerConfig = field(default_factory=ExplorerConfig)
-    critic: SafetyCritic = field(default_factory=NoCritic)
+    critic: Critic = field(default_factory=NoCritic)
     telemetry: Telemetry = field(default_factory=Telemetry)
     goal: tuple[float, float] = (0.0, 0.0)
     target: Target | None = None
@@ -107,30 +130,44 @@ class Explorer:
             self._blacklist.append((*self.target.point, now + self.config.blacklist_time))
         self.target = None
 
-    def choose(
-        self,
-        now: float,
-        grid: OccupancyGrid,
-        costmap: Costmap,
-        paths: PathField,
-        map_from_base: Pose2,
-        *,
-        forgiving: bool = False,
-    ) -> Target | None:
-        """Choose anew.
+    def follow(self, map_correction: Pose2) -> None:
+        """Move what is remembered along with the map."""
+
+        def moved(point: tuple[float, float]) -> tuple[float, float]:
+            (x, y) = transform_points(map_correction, np.array([point]))[0].tolist()
+            return x, y
+
+        self._blacklist = [(*moved((x, y)), until) for x, y, until in self._blacklist]
+        if self.target is not None and not self.target.is_goal:
+            self.target = Target(moved(self.target.point), moved(self.target.approach), is_goal=False)
+
+    def update(self, cause: str | None, percept: Percept, survey: Survey) -> Exploration:
+        """Choose anew if there is cause, or no way leads to the target any more.
 
         Args:
-            now: [s]
-            grid: The navigation grid as it is now.
-            costmap: Made from it.
-            paths: From the robot over the costmap.
-            map_from_base: Where the robot is.
-            forgiving: Better to try again what is blacklisted than to give up.
-
-        Returns:
-            The new target, or None if nothing can be reached but what is blacklisted.
+            cause: Why to choose; None to stay with the target as long as it can be reached.
+            percept: This tick's.
+            survey: Of the map as it is now.
         """
-        config = self.config
+        paths, last = survey.paths(), self.target
+        if last is not None and not paths.reaches(*last.approach):
+            cause = "no path leads to the target"
+        if cause is None and last is not None:
+            return Exploration(last, paths)
+        for doubting, forgiving in _RESORTS:
+            paths = survey.paths(doubting=doubting)
+            self.target = last  # it is known to be preferred
+            if self._choose(percept, survey, paths, forgiving=forgiving) is not None:
+                break
+        target = self.target
+        if target is not None and (last is None or target.point != last.point):
+            what = "the goal" if target.is_goal else f"({target.point[0]:.1f}, {target.point[1]:.1f})"
+            self.telemetry.event(f"{cause}: now heading for {what}")
+        return Exploration(target, paths)
+
+    def _choose(self, percept: Percept, survey: Survey, paths: PathField, *, forgiving: bool) -> Target | None:
+        """Choose anew; None if nothing can be reached but what is blacklisted, and that is not forgiven."""
+        config, grid, costmap, now = self.config, survey.grid, paths.costmap, percept.stamp
         self._chosen_at, self._entropy = now, grid.entropy
         self._goal_was_known = grid.state(*self.goal) != 0
         self._blacklist = [entry for entry in self._blacklist if entry[2] > now]
@@ -152,11 +189,12 @@ class Explorer:
             self.target = None
             return None
         goal_cost = np.hypot(points[:, 0] - self.goal[0], points[:, 1] - self.goal[1]) + lengths
-        safety = self.critic.values(paths.on_the_way(approach, config.look_ahead), map_from_base)
+        pose = survey.map_from_base
+        safety = self.critic.values(paths.on_the_way(approach, config.look_ahead), percept, pose)
         if self.target is not None and not self.target.is_goal:
             away = np.hypot(points[:, 0] - self.target.point[0], points[:, 1] - self.target.point[1])
             goal_cost = goal_cost - config.hysteresis * (away < config.same_within)
-        self.telemetry.safety(lambda asked: self.critic.values(asked, map_from_base))
+        self.telemetry.safety(lambda asked: self.critic.values(asked, percept, pose))
         scores = score_candidates(goal_cost, safety, config.gamma)
         chosen = int(np.argmin(scores.total))
         self.telemetry.frontiers(FrontierView(points, scores.goal_term, scores.safety_term, scores.total, chosen))
@@ -175,8 +213,8 @@ class Explorer:
 
 
 def _is_frontier(grid: OccupancyGrid, point: tuple[float, float]) -> bool:
-    """Whether there still is a boundary cell within 0.2 m of the point."""
-    reach = round(0.2 / grid.resolution)
+    """Whether there still is a boundary cell near the point."""
+    reach = round(_STILL_THERE / grid.resolution)
     i, j = grid.cell(*point)
     window = grid.level[max(i - reach, 0) : i + reach + 1, max(j - reach, 0) : j + reach + 1]
     free, unknown = window < 0, window == 0

@@ -1,25 +1,35 @@
-"""The heuristic function of Section III-C: the way to the goal, and what it may cost to meet somebody on it."""
+"""The heuristic function (Zhang et al., Section III-C): the way to the goal, and how safe it is."""
 
 from abc import ABC, abstractmethod
 from typing import NamedTuple
 
 import numpy as np
 
+from vuca_nav.perception.percept import Percept
 from vuca_nav.types import FloatArray, Pose2
 
 
-class SafetyCritic(ABC):
+class Critic(ABC):
     """Rates points as goals: V^h of Section III-C."""
 
     @abstractmethod
-    def values(self, points_in_map: FloatArray, map_from_base: Pose2) -> FloatArray:
-        """Chances of getting there unharmed, (n,) in [0, 1] for points (n, 2) [m], the robot at a pose."""
+    def values(self, points_in_map: FloatArray, percept: Percept, map_from_base: Pose2) -> FloatArray:
+        """Chances of getting there unharmed.
+
+        Args:
+            points_in_map: (n, 2) [m].
+            percept: This tick's.
+            map_from_base: Where the robot is.
+
+        Returns:
+            (n,) in [0, 1]; higher is safer.
+        """
 
 
-class NoCritic(SafetyCritic):
-    """Holds every point for equally safe, which leaves the goal term alone to decide."""
+class NoCritic(Critic):
+    """Rates every point as equally safe, which leaves the goal term alone to decide."""
 
-    def values(self, points_in_map: FloatArray, map_from_base: Pose2) -> FloatArray:
+    def values(self, points_in_map: FloatArray, percept: Percept, map_from_base: Pose2) -> FloatArray:
         """Ones, (n,)."""
         return np.ones(len(points_in_map))
 
@@ -41,7 +51,7 @@ def score_candidates(goal_cost: FloatArray, safety: FloatArray, gamma: float) ->
     Args:
         goal_cost: D^h (n,), n >= 1: Euclidean distance to the goal plus path length from the robot [m].
         safety: V^h (n,), chances.
-        gamma: How much longer a way may be if that surely spares meeting somebody [m].
+        gamma: How much longer a way may be if that surely spares meeting a moving obstacle [m].
     """
     goal_term = goal_cost - goal_cost.min()
     safety_term = gamma * (safety.max() - safety)

@@ -8,9 +8,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from vuca_nav.mapping.grid import OccupancyGrid
-from vuca_nav.types import NOBODY, FloatArray
+from vuca_nav.types import FloatArray
 
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2
+NOTHING_MOVES: FloatArray = np.empty((0, 3))
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,8 +28,8 @@ class CostmapConfig:
     """A path touching the margin is this much longer than it is, falling linearly to 0 at ``comfort``."""
     escape_radius: float = 0.6
     """Around the robot, cells within the margin may be crossed: else it could not leave a tight spot [m]."""
-    walker_margin: float = 0.25
-    """Around who walks, what the grid has occupied is taken for a part of him [m]."""
+    own_cells: float = 0.25
+    """Occupied cells this near to a moving track's circle are its own [m]."""
     memory: int = 60
     """Small things that so many scans have neither confirmed nor changed may have walked away: 2 s at 30 Hz."""
     small: float = 1.5
@@ -36,14 +37,14 @@ class CostmapConfig:
 
 
 class Costmap:
-    """A snapshot of the navigation grid, coarser, with clearances, and without who walks.
+    """A snapshot of the navigation grid, coarser, with clearances, and without moving tracks.
 
     Args:
         grid: What is known.
         radius: Of the body [m].
         robot: Where it is in the map [m].
         config: Settings.
-        walkers: (k, 3) x, y in the map and radius of what is known to move [m].
+        moving: (m, 3) x, y in the map and radius of the tracks that surely move [m].
         doubting: Lead paths through what may have walked away, too. What it hid is not a frontier for that.
 
     Attributes:
@@ -63,7 +64,7 @@ class Costmap:
         radius: float,
         robot: tuple[float, float],
         config: CostmapConfig,
-        walkers: FloatArray = NOBODY,
+        moving: FloatArray = NOTHING_MOVES,
         doubting: bool = False,
     ):
         step = grid.resolution * config.downsample
@@ -79,7 +80,7 @@ class Costmap:
         self.radius = radius
         level = grid.level[i0:i1, j0:j1]
         self.state: NDArray[np.int8] = _coarsen(level, config.downsample)
-        _leave_out(self.state, self.origin, step, walkers, config.walker_margin)
+        _leave_out(self.state, self.origin, step, moving, config.own_cells)
         passable = self.state
         if doubting:
             passable = self.state.copy()
@@ -173,11 +174,11 @@ def _forget(state, certain, factor, most):
 
 
 @njit(cache=True)
-def _leave_out(state, origin, resolution, walkers, margin):
-    """Free what is occupied by who walks."""
-    for walker in walkers:
-        reach = (walker[2] + margin) / resolution
-        middle_j, middle_i = (walker[0] - origin[0]) / resolution - 0.5, (walker[1] - origin[1]) / resolution - 0.5
+def _leave_out(state, origin, resolution, moving, margin):
+    """Free what is occupied by moving tracks."""
+    for track in moving:
+        reach = (track[2] + margin) / resolution
+        middle_j, middle_i = (track[0] - origin[0]) / resolution - 0.5, (track[1] - origin[1]) / resolution - 0.5
         for i in range(max(int(middle_i - reach), 0), min(int(middle_i + reach) + 2, state.shape[0])):
             for j in range(max(int(middle_j - reach), 0), min(int(middle_j + reach) + 2, state.shape[1])):
                 if state[i, j] == 2 and (i - middle_i) ** 2 + (j - middle_j) ** 2 <= reach * reach:

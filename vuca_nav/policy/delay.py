@@ -6,7 +6,7 @@ from collections import deque
 from vuca_nav.types import STOP, BodySpec, Pose2, VelocityCommand
 
 
-class Unanswered:
+class CommandDelay:
     """Remembers commands, as the body's limits of acceleration let them through.
 
     Args:
@@ -23,12 +23,12 @@ class Unanswered:
         self.last = STOP
 
     def reset(self) -> None:
-        """It stands."""
+        """The body stands."""
         self.last = STOP
         self._queue.clear()
 
     def add(self, command: VelocityCommand) -> None:
-        """This was commanded."""
+        """Take in what was commanded."""
         body, last, dt = self._body, self.last, self._dt
         self.last = VelocityCommand(
             last.v_x + max(-body.max_a_x * dt, min(command.v_x - last.v_x, body.max_a_x * dt)),

@@ -13,11 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from vuca_nav.footprint import cover_by_discs
 from vuca_nav.geometry import compose
-from vuca_nav.perception.distance_field import cover_by_discs, distance_field, room_around
-from vuca_nav.policy.base import STANDING, LocalObservation, LocalPolicy
-from vuca_nav.policy.delay import Unanswered
-from vuca_nav.types import STOP, BodySpec, LidarSpec, Pose2, VelocityCommand
+from vuca_nav.perception.distance_field import DistanceField, clearance_at
+from vuca_nav.perception.percept import Percept
+from vuca_nav.policy.base import LocalGoal, LocalPolicy
+from vuca_nav.policy.delay import CommandDelay
+from vuca_nav.types import STANDING, STOP, BodySpec, LidarSpec, Pose2, VelocityCommand
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,10 +64,6 @@ class DynamicWindowConfig:
     """[s]"""
     escape_room: float = 0.05
     """Beyond what turning on the spot takes, at which the way out ends: hysteresis [m]."""
-    reach: float = 2.6
-    """Half side of the square about the robot in which the scan is looked at [m]."""
-    resolution: float = 0.05
-    """Of its distance field [m]."""
 
 
 class DynamicWindow(LocalPolicy):
@@ -74,69 +72,60 @@ class DynamicWindow(LocalPolicy):
     def __init__(self, body: BodySpec, lidar: LidarSpec, config: DynamicWindowConfig = DynamicWindowConfig()):
         self.body = body
         self.config = config
-        angles = lidar.angles_in_base()
-        self._beams_in_base = np.column_stack([np.cos(angles), np.sin(angles)])
         self._discs = cover_by_discs(body.footprint)
         self._turning_disc = np.array([[0.0, 0.0, body.radius]])
         self._centre = np.zeros((1, 3))
         self._is_round = len(self._discs) == 1
-        cells = 2 * round(config.reach / config.resolution)
-        self._field = np.zeros((cells, cells), np.int16)
         self._dt = 1.0 / lidar.rate
-        self._unanswered = Unanswered(body, lidar.rate)
+        self._delay = CommandDelay(body, lidar.rate)
         self.reset()
 
     def reset(self) -> None:
         """Stand."""
         self._last = STOP
-        self._unanswered.reset()
+        self._delay.reset()
         self._since_progress = STANDING
         self._waited = self._escaping = 0.0
 
-    def stopped(self) -> None:
-        """The body was told to stand."""
-        self._last = STOP
-        self._unanswered.add(STOP)
-
-    def command(self, observation: LocalObservation) -> VelocityCommand:
+    def command(self, percept: Percept, goal: LocalGoal | None) -> VelocityCommand:
         """The best pair of the window.
 
-        Where none is admissible it is a turn on the spot towards the waypoint, or the way to where there is room for
-        that.
+        Where none is admissible it is a turn on the spot towards the waypoint, or the way to where there is clearance
+        for that.
         """
-        c = self.config
-        distance_field(observation.scan.ranges, self._beams_in_base, c.resolution, c.reach, self._field)
-        start = self._unanswered.pose()
-        command = None if self._is_round else self._way_out(observation, start)
-        if command is None:
-            command = self._in_window(observation, start)
-        if command is None:
-            waypoint_x, waypoint_y = observation.waypoint_in_base
-            turn = math.copysign(c.recovery_turn * self.body.max_w_z, math.atan2(waypoint_y, waypoint_x))
-            command = VelocityCommand(0.0, 0.0, turn)
-            if not self._is_round and self._room_to_turn(start) < 0.0:
-                self._escaping = c.escape_time
-                command = self._way_out(observation, start) or STOP
+        command = STOP if goal is None or not percept.is_valid else self._choose(percept, goal)
         self._last = command
-        self._unanswered.add(command)
+        self._delay.add(command)
         return command
 
-    def _in_window(self, observation: LocalObservation, start: Pose2) -> VelocityCommand | None:
+    def _choose(self, percept: Percept, goal: LocalGoal) -> VelocityCommand:
+        c, field, start = self.config, percept.distance_field, self._delay.pose()
+        command = None if self._is_round else self._way_out(percept, goal, field, start)
+        if command is None:
+            command = self._in_window(goal, field, start)
+        if command is None:
+            waypoint_x, waypoint_y = goal.point_in_base
+            turn = math.copysign(c.recovery_turn * self.body.max_w_z, math.atan2(waypoint_y, waypoint_x))
+            command = VelocityCommand(0.0, 0.0, turn)
+            if not self._is_round and self._clearance_to_turn(field, start) < 0.0:
+                self._escaping = c.escape_time
+                command = self._way_out(percept, goal, field, start) or STOP
+        return command
+
+    def _in_window(self, goal: LocalGoal, field: DistanceField, start: Pose2) -> VelocityCommand | None:
         """The cheapest admissible pair, if there is one."""
         body, c = self.body, self.config
         # The window lies about what was asked for last: the measured velocity lags behind it.
         v_x, w_z, admissible = _best(
-            self._field,
-            c.resolution,
-            c.reach,
+            field,
             self._discs,
             start.x,
             start.y,
             math.cos(start.yaw),
             math.sin(start.yaw),
-            observation.waypoint_in_base[0],
-            observation.waypoint_in_base[1],
-            observation.is_final,
+            goal.point_in_base[0],
+            goal.point_in_base[1],
+            goal.is_final,
             self._last.w_z,
             max(body.min_v_x, self._last.v_x - c.window * body.max_a_x),
             min(body.max_v_x, self._last.v_x + c.window * body.max_a_x),
@@ -157,17 +146,15 @@ class DynamicWindow(LocalPolicy):
         )
         return VelocityCommand(v_x, 0.0, w_z) if admissible else None
 
-    def _room_to_turn(self, start: Pose2) -> float:
+    def _clearance_to_turn(self, field: DistanceField, start: Pose2) -> float:
         """What is left around the body when it turns on the spot once round [m]."""
-        c = self.config
-        room = room_around(self._field, c.resolution, c.reach, self._turning_disc, start.x, start.y, 1.0, 0.0)
-        return room - c.margin
+        return clearance_at(field, self._turning_disc, start.x, start.y, 1.0, 0.0) - self.config.margin
 
-    def _way_out(self, observation: LocalObservation, start: Pose2) -> VelocityCommand | None:
+    def _way_out(self, percept: Percept, goal: LocalGoal, field: DistanceField, start: Pose2) -> VelocityCommand | None:
         """Towards where it can turn, once it has stood for long where it cannot; None if it need not."""
         body, c = self.body, self.config
-        self._watch_progress(observation)
-        room = self._room_to_turn(start)
+        self._watch_progress(percept, goal)
+        room = self._clearance_to_turn(field, start)
         if self._escaping <= 0.0 and self._waited >= c.patience and room < 0.0:
             self._escaping = c.escape_time
         if self._escaping <= 0.0:
@@ -180,9 +167,7 @@ class DynamicWindow(LocalPolicy):
             self._waited = 0.0
         return VelocityCommand(
             *_clearest(
-                self._field,
-                c.resolution,
-                c.reach,
+                field,
                 self._discs,
                 self._centre,
                 body.radius + c.margin + 2.0 * c.escape_room,
@@ -200,24 +185,24 @@ class DynamicWindow(LocalPolicy):
             )
         )
 
-    def _watch_progress(self, observation: LocalObservation) -> None:
+    def _watch_progress(self, percept: Percept, goal: LocalGoal) -> None:
         """How long it has not got on though there is way to go."""
-        self._since_progress = compose(self._since_progress, observation.motion)
+        self._since_progress = compose(self._since_progress, percept.motion)
         way, turn = self.config.progress_way, self.config.progress_turn
         x, y, yaw = self._since_progress
-        if math.hypot(x, y) > way or abs(yaw) > turn or math.hypot(*observation.waypoint_in_base) < way:
+        if math.hypot(x, y) > way or abs(yaw) > turn or math.hypot(*goal.point_in_base) < way:
             self._since_progress, self._waited = STANDING, 0.0
         self._waited += self._dt
 
 
 @njit(cache=True)
 def _best(
-    field, resolution, reach, discs, start_x, start_y, start_cos, start_sin, goal_x, goal_y, is_final, last_w, v_min,
+    field, discs, start_x, start_y, start_cos, start_sin, goal_x, goal_y, is_final, last_w, v_min,
     v_max, w_min, w_max, num_v, num_w, horizon, dt, margin, comfort, comfort_weight, heading_weight, turn_weight,
     backward_weight, brake_margin, max_a,
 ):  # fmt: skip
     """Cheapest admissible pair of velocities, and whether there was any."""
-    room_now = room_around(field, resolution, reach, discs, start_x, start_y, start_cos, start_sin) - margin
+    room_now = clearance_at(field, discs, start_x, start_y, start_cos, start_sin) - margin
     steps = int(round(horizon / dt))
     best_cost, best_v, best_w, found = 1e30, 0.0, 0.0, False
     for b in range(num_w + 1):
@@ -236,7 +221,7 @@ def _best(
                 x += v * c * dt
                 y += v * s * dt
                 c, s = c * half_cos - s * half_sin, s * half_cos + c * half_sin
-                room = room_around(field, resolution, reach, discs, x, y, c, s) - margin
+                room = clearance_at(field, discs, x, y, c, s) - margin
                 # From too near an obstacle one may still move away from it.
                 if room < 0.0 and room <= room_now + 1e-3 * step:
                     free = step * dt
@@ -267,7 +252,7 @@ def _best(
 
 @njit(cache=True)
 def _clearest(
-    field, resolution, reach, discs, centre, enough, start_x, start_y, start_cos, start_sin, last, speed, v_min,
+    field, discs, centre, enough, start_x, start_y, start_cos, start_sin, last, speed, v_min,
     v_y_max, w_max, horizon, dt,
 ):  # fmt: skip
     """Slow velocity that leads the body's centre farthest from all returns without leading its outline nearer.
@@ -275,7 +260,7 @@ def _clearest(
     Distances of the centre beyond ``enough`` count as that much. Sixteen directions, each with and without turning;
     to stand is one choice more.
     """
-    now = room_around(field, resolution, reach, discs, start_x, start_y, start_cos, start_sin)
+    now = clearance_at(field, discs, start_x, start_y, start_cos, start_sin)
     steps = int(round(horizon / dt))
     best = -1e30
     best_x, best_y, best_w = 0.0, 0.0, 0.0
@@ -294,10 +279,10 @@ def _clearest(
                 x += (v_x * c - v_y * s) * dt
                 y += (v_x * s + v_y * c) * dt
                 c, s = c * half_cos - s * half_sin, s * half_cos + c * half_sin
-                least = min(least, room_around(field, resolution, reach, discs, x, y, c, s))
-            gain = min(room_around(field, resolution, reach, centre, x, y, 1.0, 0.0), enough)
+                least = min(least, clearance_at(field, discs, x, y, c, s))
+            gain = min(clearance_at(field, centre, x, y, 1.0, 0.0), enough)
             # Nearer than now counts four times what it gains where it is tight, and nothing from a cell of room on.
-            loss = max(0.0, min(now, resolution) - least)
+            loss = max(0.0, min(now, field.resolution) - least)
             # Two centimetres, the range noise, for going the other way: it must not waver between equally good ways.
             change = abs(v_x - last[0]) + abs(v_y - last[1]) + 0.1 * abs(w - last[2])
             value = gain - 4.0 * loss - 0.05 * change - 0.01 * abs(turn)

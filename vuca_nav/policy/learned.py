@@ -1,13 +1,12 @@
-"""The cerebellum (Section III-B): a trained network as a local policy."""
-
-import math
+"""The cerebellum (Zhang et al., Section III-B): a trained network as a local policy."""
 
 import numpy as np
 
-from vuca_nav.policy.base import LocalObservation, LocalPolicy, is_gap
+from vuca_nav.perception.percept import Percept
+from vuca_nav.policy.base import LocalGoal, LocalPolicy
 from vuca_nav.policy.network import LEARNED_GATE, Gate, PolicyNetwork
-from vuca_nav.policy.observation import Observer, command_from_action, goal_features, limits_of
-from vuca_nav.policy.weights_file import ACTION_SIZE, PolicyWeights, Single
+from vuca_nav.policy.observation import PerceptObserver, command_from_action, limits_of
+from vuca_nav.policy.weights_file import ACTION_SIZE, PolicyWeights
 from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import STOP, BodySpec, LidarSpec, VelocityCommand
 
@@ -16,9 +15,7 @@ BLIND_SHARE = 0.3
 
 
 class LearnedPolicy(LocalPolicy):
-    """The mean action of a network, at every tick.
-
-    It stops while what it is given cannot be trusted (``LocalObservation.is_trustworthy``).
+    """The mean action of a network, at every tick. It stands while the percept is not valid.
 
     Args:
         body: What is driven.
@@ -41,55 +38,22 @@ class LearnedPolicy(LocalPolicy):
     ):
         self.network = PolicyNetwork(weights, gate)
         self.telemetry = telemetry
-        self._observer = Observer(weights.observation, [body], lidar.num_beams, lidar.rate)
-        self._rate = lidar.rate
+        self._observer = PerceptObserver(weights.observation, body, lidar)
         self._limits = limits_of(body)
-        self._observation = np.zeros((1, self._observer.size), np.float32)
         self._action = np.zeros(ACTION_SIZE)
-        self._goal, self._twist, self._motion = np.zeros((1, 2)), np.zeros((1, 3)), np.zeros((1, 3))
-        self.reset()
 
     def reset(self) -> None:
-        """Forget the last episode."""
-        self._observer.reset()
-        self._seen_at = -math.inf
-        self._usable = False
-        self._blind = False
+        """It remembers nothing."""
 
-    @property
-    def observation(self) -> Single | None:
-        """(x,) the last one, O_g as it was then; None before the first that could be trusted."""
-        return self._observation[0] if self._usable else None
-
-    def look(self, observation: LocalObservation) -> None:
-        """Take in what the sensors say now; a gap in time makes it forget what was before."""
-        scan = observation.scan
-        if is_gap(self._seen_at, scan.stamp, self._rate):
-            self._observer.reset()
-        self._seen_at = scan.stamp
-        self._goal[0], self._twist[0], self._motion[0] = (
-            observation.waypoint_in_base,
-            observation.twist,
-            observation.motion,
-        )
-        self._usable = observation.is_trustworthy
-        if not self._usable:
-            self._observer.reset()
-            return
-        self._blind = not (scan.ranges < math.inf).any()
-        self._observer.observe(scan.ranges[None], self._goal, self._twist, self._motion, self._observation)
-
-    def command(self, observation: LocalObservation) -> VelocityCommand:
+    def command(self, percept: Percept, goal: LocalGoal | None) -> VelocityCommand:
         """The mean action, as velocities within the body's limits."""
-        if observation.scan.stamp != self._seen_at:
-            self.look(observation)
-        elif self._usable:  # looked at before it was known where to go
-            self._observation[0, self._observer.config.goal_slice] = goal_features(
-                np.array([observation.waypoint_in_base])
-            )[0]
-        if not self._usable or not self.network.act(self._observation[0], self._action):
+        if goal is None or not percept.is_valid:
+            return STOP
+        observation = self._observer.observe(percept, goal.point_in_base)
+        if not self.network.act(observation, self._action):
             return STOP
         if self.network.weights.experts > 1:
             self.telemetry.gate(self.network.shares)
-        v_x, v_y, w_z = command_from_action(self._action, self._limits) * (BLIND_SHARE if self._blind else 1.0)
-        return VelocityCommand(float(v_x), float(v_y), float(w_z))
+        command = command_from_action(self._action, self._limits)
+        v_x, v_y, w_z = (command * BLIND_SHARE if percept.is_blind else command).tolist()
+        return VelocityCommand(v_x, v_y, w_z)

@@ -1,13 +1,14 @@
-"""What the local policy sees (Section III-B): ``[O_L, O_m, O_g, O_v]``, the same for every body.
+"""What the local policy sees (Zhang et al., Section III-B): ``[O_L, O_m, O_g, O_v]``, the same for every body.
 
-Ranges are given beyond the footprint and velocities relative to the body's limits. One class serves training
-(hundreds of rows a call), simulation and robot (one row); a row's numbers do not depend on the other rows.
+Ranges are given beyond the footprint and velocities relative to the body's limits. ``Observer`` serves training
+(hundreds of rows a call, with a memory of its own), ``PerceptObserver`` simulation and robot (one row, all of which is
+in the percept); the numbers are the same.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numba import njit
@@ -15,21 +16,32 @@ from numpy.typing import NDArray
 
 from vuca_nav.checks import check_fields, check_positive
 from vuca_nav.errors import BadArgument
-from vuca_nav.perception.tracks import DIRECTIONS, SLOT_SIZE, SLOTS, SPEEDS, Tracker
-from vuca_nav.types import BodySpec, FloatArray
+from vuca_nav.footprint import outline_ranges
+from vuca_nav.perception.percept import Percept
+from vuca_nav.perception.tracks import Tracker
+from vuca_nav.policy.track_features import (
+    DIRECTIONS,
+    RADIUS_SCALE,
+    SHOWN_SIZE,
+    SLOT_SIZE,
+    SLOTS,
+    SPEEDS,
+    TrackWorkspace,
+    write_features,
+    write_features_of_rows,
+)
+from vuca_nav.types import BodySpec, FloatArray, LidarSpec
 
 Kind = Literal["paper", "tracked"]
 GOAL_SIZE, TWIST_SIZE, BODY_SIZE = 3, 3, 6
-THINGS_SIZE = 1 + SLOTS * SLOT_SIZE
-"""Of what ``tracked`` shows after the body: standing still, and the things."""
 HALF_DISTANCE = 3.0
 """Distance of the goal that reads 0, halfway between here (-1) and infinitely far (+1) [m]."""
 CLOSING_SPEED = 2.0
-"""Of an obstacle and the body, at which a scan difference reads -1 [m/s]: two brisk walkers meeting at an angle."""
+"""Of an obstacle and the body, at which a scan difference reads -1 [m/s]: two brisk pedestrians meeting at an angle."""
 TWIST_LIMIT = 2.0
 """Velocities are clipped to so many times the body's limits: what an odometry glitch can do at most."""
-SPEED_SCALE, TURN_SCALE, ACCELERATION_SCALE, RADIUS_SCALE = 1.5, 3.0, 3.0, 0.5
-"""Of the body vector [m/s, rad/s, m/s^2, m]: about the greatest of the bodies in use."""
+SPEED_SCALE, TURN_SCALE, ACCELERATION_SCALE = 1.5, 3.0, 3.0
+"""Of the body vector [m/s, rad/s, m/s^2]: about the greatest of the bodies in use."""
 
 MOST_SECTORS, MOST_HISTORY = 1440, 64
 """Of a configuration: weights files bring theirs along, and one from elsewhere must not ask for all memory."""
@@ -49,9 +61,9 @@ class ObservationConfig:
     spacing: float = 0.1
     """Between the scans of the history [s]."""
     kind: Kind = "paper"
-    """``paper``: exactly Section III-B. ``tracked``: in place of O_m what is known of moving things, and the body's
-    limits and size; O_L, how soon a thing is met in each direction (``vuca_nav.perception.tracks``), O_g, O_v, body,
-    the same for standing still, the most threatening things."""
+    """``paper``: exactly Section III-B. ``tracked``: in place of O_m the tracks of what moves, and the body's limits
+    and size; O_L, how soon a track is met in each direction (``vuca_nav.policy.track_features``), O_g, O_v, body, the
+    same for standing still, the most threatening tracks."""
 
     def __post_init__(self) -> None:
         """Raises BadArgument for what is out of its range."""
@@ -83,7 +95,12 @@ class ObservationConfig:
     def size(self) -> int:
         """Numbers in an observation."""
         size = self.goal_slice.stop + TWIST_SIZE
-        return size if self.kind == "paper" else size + BODY_SIZE + THINGS_SIZE
+        return size if self.kind == "paper" else size + BODY_SIZE + SHOWN_SIZE
+
+    @property
+    def memory(self) -> float:
+        """Age of the oldest scan that is looked at [s]."""
+        return max(self.lags, default=0) * self.spacing
 
     def mirror(self) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
         """Order (size,) and signs (size,) of the observation with left and right exchanged: ``o[order] * signs``."""
@@ -101,8 +118,45 @@ class ObservationConfig:
         return order, signs
 
 
+class _Layout(NamedTuple):
+    """Where an observation's parts are, and their scales."""
+
+    sectors: int
+    max_range: float
+    goal_start: int
+    per_metre: float
+    """Of O_m's sum, to [-1, 1]."""
+    tracked: bool
+
+
+class _Bodies(NamedTuple):
+    """What observations depend on of n bodies."""
+
+    outline: FloatArray
+    """(n, num_beams) of the footprint along each beam [m]."""
+    limits: FloatArray
+    """(n, 4) as ``limits_of`` gives them."""
+    vectors: FloatArray
+    """(n, BODY_SIZE) as ``tracked`` shows them."""
+    radii: FloatArray
+    """(n,) mean radius of the footprint [m]."""
+    reaches: FloatArray
+    """(n,) how far from base_link anything is seen [m]."""
+
+
+class _Ring(NamedTuple):
+    """Pooled scans of the past, n rows."""
+
+    scans: FloatArray
+    """(n, depth, sectors)"""
+    fresh: NDArray[np.bool_]
+    """(n,) rows whose next scan stands for all of the past."""
+    lags: NDArray[np.int64]
+    """Ages of the scans that are looked at, in calls."""
+
+
 class Observer:
-    """Makes observations, a row for each robot.
+    """Makes observations, a row for each robot, and remembers what they need of the past.
 
     Args:
         config: What of.
@@ -116,60 +170,48 @@ class Observer:
     """
 
     def __init__(self, config: ObservationConfig, bodies: Sequence[BodySpec], num_beams: int, rate: float):
-        if num_beams % config.sectors:
-            raise BadArgument(f"{config.sectors} sectors do not divide the {num_beams} beams of the lidar evenly")
-        stride = round(config.spacing * rate)
-        if stride < 1 or abs(stride - config.spacing * rate) > 1e-6:
-            raise BadArgument(f"scans spaced by {config.spacing} s cannot be had from {rate} Hz exactly")
+        lags = _lags_in_ticks(config, num_beams, rate)
         self.config = config
         self.size = config.size
         n = len(bodies)
         self._every = np.arange(n)
-        self._fresh = np.ones(n, np.bool_)
-        self._lags = np.array(config.lags, np.int64) * stride
-        self._scans = np.empty((n, max(config.lags, default=0) * stride + 1, config.sectors))
+        self._layout = _layout_of(config)
+        depth = int(lags.max(initial=0)) + 1
+        self._ring = _Ring(np.empty((n, depth, config.sectors)), np.ones(n, np.bool_), lags)
         self._slot = 0
-        self._tracker = None
-        if config.kind == "tracked":
-            self._tracker = Tracker(n, num_beams, 1.0 / rate, config.spacing)
-        self.outline = np.empty((n, num_beams))
-        """Of each row's footprint along each beam [m]."""
-        self.limits = np.empty((n, 4))
-        """Each row's, as ``limits_of`` gives them."""
-        self._bodies = np.empty((n, BODY_SIZE))
-        self._radii, self._reaches = np.empty(n), np.empty(n)
-        for i, body in enumerate(bodies):
-            self.set_body(i, body)
-
-    def set_body(self, i: int, body: BodySpec) -> None:
-        """Row ``i`` is this body from now on."""
-        self.outline[i] = outline = outline_ranges(body.footprint, self.outline.shape[1])
-        self._radii[i], self._reaches[i] = outline.mean(), self.config.max_range + outline.max()
-        self.limits[i] = limits_of(body)
-        self._bodies[i] = (
-            body.max_v_x / SPEED_SCALE,
-            body.min_v_x / SPEED_SCALE,
-            body.max_v_y / SPEED_SCALE,
-            body.max_w_z / TURN_SCALE,
-            body.max_a_x / ACCELERATION_SCALE,
-            body.radius / RADIUS_SCALE,
+        self._tracker = Tracker(n, num_beams, 1.0 / rate, config.spacing) if config.kind == "tracked" else None
+        self._workspace = TrackWorkspace.new()
+        self._bodies = _Bodies(
+            np.empty((n, num_beams)), np.empty((n, 4)), np.empty((n, BODY_SIZE)), np.empty(n), np.empty(n)
         )
+        for i, body in enumerate(bodies):
+            _write_body(self._bodies, i, body, config)
+
+    @property
+    def outline(self) -> FloatArray:
+        """(n, num_beams) of each row's footprint along each beam [m]."""
+        return self._bodies.outline
+
+    @property
+    def limits(self) -> FloatArray:
+        """(n, 4) each row's, as ``limits_of`` gives them."""
+        return self._bodies.limits
 
     def take_bodies(self, rows: NDArray[np.int64], source: "Observer", source_rows: NDArray[np.int64]) -> None:
         """These rows are from now on the bodies of another observer's rows, for as many beams."""
-        for name in ("outline", "limits", "_bodies", "_radii", "_reaches"):
-            getattr(self, name)[rows] = getattr(source, name)[source_rows]
+        for own, other in zip(self._bodies, source._bodies):
+            own[rows] = other[source_rows]
 
     def reset(self, rows: NDArray[np.bool_] | NDArray[np.int64] | slice = slice(None)) -> None:
         """Forget the past of these rows (a mask or indices): their next scan stands for all of it."""
-        self._fresh[rows] = True
+        self._ring.fresh[rows] = True
 
     def observe(
         self,
-        ranges: NDArray[np.floating],
-        goals_in_base: NDArray[np.floating],
-        twists: NDArray[np.floating],
-        motions: NDArray[np.floating],
+        ranges: FloatArray,
+        goals_in_base: FloatArray,
+        twists: FloatArray,
+        motions: FloatArray,
         out: NDArray[np.float32],
         first_of: NDArray[np.int64] | None = None,
         only: NDArray[np.int64] | None = None,
@@ -187,25 +229,92 @@ class Observer:
                 no time passes.
             only: Leave the other rows' observations alone; they must be reset before they are looked at again.
         """
-        config = self.config
+        config, bodies, ring = self.config, self._bodies, self._ring
         if first_of is None:
-            self._slot = (self._slot + 1) % self._scans.shape[1]
+            self._slot = (self._slot + 1) % ring.scans.shape[1]
         rows = next((rows for rows in (first_of, only) if rows is not None), self._every)
-        _observe(
-            rows, ranges, goals_in_base, twists, self.outline, self.limits, self._bodies, self._scans, self._fresh,
-            self._slot, self._lags, config.sectors, config.max_range, config.spacing, config.goal_slice.start, out,
-        )  # fmt: skip
+        _observe_rows(rows, ranges, goals_in_base, twists, bodies, ring, self._slot, self._layout, out)
         if self._tracker is not None:
             goal = config.goal_slice
-            self._tracker.update(rows, ranges, motions, self._reaches, self._fresh)
-            self._tracker.features(
-                rows,
-                self._radii,
-                self.limits[:, 0],
-                out[:, config.sectors : goal.start],
-                out[:, goal.stop + TWIST_SIZE + BODY_SIZE :],
+            self._tracker.update(rows, ranges, motions, bodies.reaches, ring.fresh)
+            meetings, shown = out[:, config.sectors : goal.start], out[:, goal.stop + TWIST_SIZE + BODY_SIZE :]
+            write_features_of_rows(
+                rows, self._tracker.state, bodies.radii, bodies.limits[:, 0], self._workspace, meetings, shown
             )
-        self._fresh[rows] = False
+        ring.fresh[rows] = False
+
+
+class PerceptObserver:
+    """Makes the observation of one robot from a percept. It remembers nothing.
+
+    Args:
+        config: What of.
+        body: What is driven.
+        lidar: What it sees with.
+
+    Raises:
+        BadArgument: As ``Observer``.
+    """
+
+    def __init__(self, config: ObservationConfig, body: BodySpec, lidar: LidarSpec):
+        self.config = config
+        self._lags = _lags_in_ticks(config, lidar.num_beams, lidar.rate)
+        self._layout = _layout_of(config)
+        self._workspace = TrackWorkspace.new()
+        self._body = _Bodies(
+            np.empty((1, lidar.num_beams)), np.empty((1, 4)), np.empty((1, BODY_SIZE)), np.empty(1), np.empty(1)
+        )
+        _write_body(self._body, 0, body, config)
+        self._observation = np.zeros(config.size, np.float32)
+
+    def observe(self, percept: Percept, goal_in_base: tuple[float, float]) -> NDArray[np.float32]:
+        """The observation with this waypoint [m], (size,); valid until the next call.
+
+        Raises:
+            BadArgument: If the percept does not go back far enough.
+        """
+        depth = int(self._lags.max(initial=0)) + 1
+        if depth > percept.history.depth:
+            raise BadArgument(
+                f"the policy compares scans of {self.config.memory:g} s, perception keeps {percept.history.depth} of "
+                f"the {depth} that takes: give it a greater memory"
+            )
+        past = percept.history.past(self._lags)
+        _observe_percept(
+            percept.scan.ranges, past, percept.tracks, goal_in_base, percept.twist, self._body, self._layout,
+            self._workspace, self._observation,
+        )  # fmt: skip
+        return self._observation
+
+
+def _lags_in_ticks(config: ObservationConfig, num_beams: int, rate: float) -> NDArray[np.int64]:
+    """Ages of the scans that O_m is made of, in ticks; raises BadArgument as ``Observer``."""
+    if num_beams % config.sectors:
+        raise BadArgument(f"{config.sectors} sectors do not divide the {num_beams} beams of the lidar evenly")
+    stride = round(config.spacing * rate)
+    if stride < 1 or abs(stride - config.spacing * rate) > 1e-6:
+        raise BadArgument(f"scans spaced by {config.spacing} s cannot be had from {rate} Hz exactly")
+    return np.array(config.lags, np.int64) * stride
+
+
+def _layout_of(config: ObservationConfig) -> _Layout:
+    per_metre = 1.0 / (CLOSING_SPEED * max(len(config.lags), 1) * config.spacing)
+    return _Layout(config.sectors, config.max_range, config.goal_slice.start, per_metre, config.kind == "tracked")
+
+
+def _write_body(bodies: _Bodies, i: int, body: BodySpec, config: ObservationConfig) -> None:
+    """Row ``i`` is this body."""
+    bodies.outline[i] = outline = outline_ranges(body.footprint, bodies.outline.shape[1])
+    bodies.radii[i], bodies.reaches[i] = outline.mean(), config.max_range + outline.max()
+    bodies.limits[i] = limits_of(body)
+    bodies.vectors[i] = (
+        body.max_v_x / SPEED_SCALE,
+        body.min_v_x / SPEED_SCALE,
+        body.max_v_y / SPEED_SCALE,
+        body.max_w_z / TURN_SCALE,
+        body.max_a_x / ACCELERATION_SCALE,
+        body.radius / RADIUS_SCALE,
+    )
 
 
 def limits_of(body: BodySpec) -> FloatArray:
@@ -234,61 +343,67 @@ def command_from_action(action: NDArray[np.floating], limits: NDArray[np.floatin
 def goal_features(points_in_base: NDArray[np.floating]) -> NDArray[np.float32]:
     """O_g of points (m, 2) [m]: squashed distance, cosine and sine of the bearing, (m, 3)."""
     out = np.empty((len(points_in_base), GOAL_SIZE), np.float32)
-    _goals(points_in_base, out)
+    _write_goals(points_in_base, out)
     return out
 
 
-def outline_ranges(footprint: FloatArray, num_beams: int) -> FloatArray:
-    """Distance from base_link's origin to a convex outline along each beam, (num_beams,) [m].
-
-    Args:
-        footprint: Counter-clockwise, (k, 2) [m].
-        num_beams: Of the lidar.
-
-    Raises:
-        BadArgument: If the origin is not inside.
-    """
-    edges = np.roll(footprint, -1, axis=0) - footprint
-    normals = np.column_stack([edges[:, 1], -edges[:, 0]])  # outwards
-    offsets = (normals * footprint).sum(axis=1)
-    if not (offsets > 0.0).all():
-        raise BadArgument("a footprint must be convex, counter-clockwise and enclose base_link's origin")
-    angles = -np.pi + np.arange(num_beams) * (2.0 * np.pi / num_beams)
-    approach = np.column_stack([np.cos(angles), np.sin(angles)]) @ normals.T  # (num_beams, k)
-    with np.errstate(divide="ignore"):
-        distances = np.where(approach > 1e-12, offsets / approach, np.inf)
-    return distances.min(axis=1)
-
-
 @njit(cache=True, nogil=True)
-def _observe(
-    rows, ranges, goals, twists, outline, limits, bodies, scans, fresh, slot, lags, sectors, max_range, spacing,
-    goal_start, out,
-):  # fmt: skip
-    depth = scans.shape[1]
+def _observe_rows(rows, ranges, goals, twists, bodies, ring, slot, layout, out):
+    depth, lags, sectors = ring.scans.shape[1], ring.lags, layout.sectors
     for i in rows:
-        _pool(ranges[i], outline[i], sectors, max_range, out[i])
-        if len(lags):
-            per_metre = 1.0 / (CLOSING_SPEED * len(lags) * spacing)
+        _pool(ranges[i], bodies.outline[i], layout, out[i])
+        if not layout.tracked:
             for s in range(sectors):
-                now = 0.5 * (out[i, s] + 1.0) * max_range
-                if fresh[i]:
-                    scans[i, :, s] = now
-                scans[i, slot, s] = now
+                now = 0.5 * (out[i, s] + 1.0) * layout.max_range
+                if ring.fresh[i]:
+                    ring.scans[i, :, s] = now
+                ring.scans[i, slot, s] = now
                 # O_m = sum_{k=1..n} (O_L^t - O_L^{t-k}) / k
                 motion = 0.0
                 for k in range(len(lags)):
-                    motion += (now - scans[i, (slot - lags[k]) % depth, s]) / (k + 1)
-                out[i, sectors + s] = min(max(motion * per_metre, -1.0), 1.0)
-        at = goal_start
-        _goals(goals[i : i + 1], out[i : i + 1, at : at + 3])
-        at += 3
-        forward = limits[i, 0] if twists[i, 0] >= 0.0 or limits[i, 1] >= 0.0 else -limits[i, 1]
-        out[i, at] = _relative(twists[i, 0], forward)
-        out[i, at + 1] = _relative(twists[i, 1], limits[i, 2])
-        out[i, at + 2] = _relative(twists[i, 2], limits[i, 3])
-        if not len(lags):  # tracked
-            out[i, at + 3 : at + 3 + bodies.shape[1]] = bodies[i]
+                    motion += (now - ring.scans[i, (slot - lags[k]) % depth, s]) / (k + 1)
+                out[i, sectors + s] = min(max(motion * layout.per_metre, -1.0), 1.0)
+        _write_motion(i, goals[i], twists[i], bodies, layout, out[i])
+
+
+@njit(cache=True, nogil=True)
+def _observe_percept(ranges, past, tracks, goal, twist, body, layout, workspace, out):
+    sectors, start = layout.sectors, layout.goal_start
+    _pool(ranges, body.outline[0], layout, out)
+    if layout.tracked:
+        shown = out[start + GOAL_SIZE + TWIST_SIZE + BODY_SIZE :]
+        write_features(
+            tracks, body.reaches[0], body.radii[0], body.limits[0, 0], workspace, out[sectors:start], shown
+        )  # fmt: skip
+    else:
+        out[sectors : 2 * sectors] = 0.0
+        motions = np.zeros(sectors)
+        then = np.empty(sectors, np.float32)
+        for k in range(len(past)):
+            _pool(past[k], body.outline[0], layout, then)
+            for s in range(sectors):
+                # In metres, as the sum is.
+                now, before = 0.5 * (out[s] + 1.0) * layout.max_range, 0.5 * (then[s] + 1.0) * layout.max_range
+                motions[s] += (now - before) / (k + 1)
+        for s in range(sectors):
+            out[sectors + s] = min(max(motions[s] * layout.per_metre, -1.0), 1.0)
+    _write_motion(0, goal, twist, body, layout, out)
+
+
+@njit(cache=True, nogil=True)
+def _write_motion(i, goal, twist, bodies, layout, out):
+    """O_g, O_v, and for ``tracked`` the body's vector, of row ``i``."""
+    at = layout.goal_start
+    _write_goal(goal[0], goal[1], out[at : at + GOAL_SIZE])
+    at += GOAL_SIZE
+    limits = bodies.limits[i]
+    forward = limits[0] if twist[0] >= 0.0 or limits[1] >= 0.0 else -limits[1]
+    out[at] = _relative(twist[0], forward)
+    out[at + 1] = _relative(twist[1], limits[2])
+    out[at + 2] = _relative(twist[2], limits[3])
+    if layout.tracked:
+        at += TWIST_SIZE
+        out[at : at + BODY_SIZE] = bodies.vectors[i]
 
 
 @njit(cache=True, nogil=True)
@@ -298,21 +413,26 @@ def _relative(velocity, limit):
 
 
 @njit(cache=True, nogil=True)
-def _goals(points, out):
+def _write_goals(points, out):
     for i in range(points.shape[0]):
-        x, y = points[i, 0], points[i, 1]
-        away = math.sqrt(x * x + y * y)
-        out[i, 0] = 2.0 * away / (away + HALF_DISTANCE) - 1.0
-        out[i, 1] = x / away if away > 0.0 else 1.0
-        out[i, 2] = y / away if away > 0.0 else 0.0
+        _write_goal(points[i, 0], points[i, 1], out[i])
 
 
 @njit(cache=True, nogil=True)
-def _pool(ranges, outline, sectors, max_range, out):
-    """Least clearance of each sector's beams, from [0, max_range] to [-1, 1].
+def _write_goal(x, y, out):
+    away = math.sqrt(x * x + y * y)
+    out[0] = 2.0 * away / (away + HALF_DISTANCE) - 1.0
+    out[1] = x / away if away > 0.0 else 1.0
+    out[2] = y / away if away > 0.0 else 0.0
+
+
+@njit(cache=True, nogil=True)
+def _pool(ranges, outline, layout, out):
+    """O_L: least clearance of each sector's beams, from [0, max_range] to [-1, 1].
 
     The beam on a border belongs to both sectors, which makes the mirror image of a scan that of its sectors.
     """
+    sectors, max_range = layout.sectors, layout.max_range
     num_beams = len(ranges)
     per_sector = num_beams // sectors
     for s in range(sectors):

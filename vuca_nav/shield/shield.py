@@ -1,11 +1,12 @@
 """A shield over a local policy: its command goes through unless it is likely to end in a collision.
 
 Every command that the body can be given is judged by what may come of it: the body obeys for ``segment`` seconds, and
-then does what is best in each of several futures of what moves (``futures``): heads off somewhere, backs, or stands.
-That it will know by then which future it is in is the optimism of "hindsight" planning (Chong, Givan and Chang 2000:
-"A framework for simulation-based network control via hindsight optimization"); that it must decide now, for all
-futures, what to do first keeps it away from where only some of them end well. Of all commands the one is taken that
-costs least: for what it differs from the policy's, what room to brake it lacks, and the mean harm of the futures.
+then does what is best in each of several futures of what moves (``vuca_nav.shield.futures``): heads off somewhere,
+backs, or stands. That it will know by then which future it is in is the optimism of "hindsight" planning (Chong, Givan
+and Chang 2000: "A framework for simulation-based network control via hindsight optimization"); that it must decide now,
+for all futures, what to do first keeps it away from where only some of them end well. Of all commands the one is taken
+that costs least: for what it differs from the policy's, what clearance to brake it lacks, and the mean harm of the
+futures.
 """
 
 import math
@@ -14,13 +15,28 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from vuca_nav.errors import BadArgument
-from vuca_nav.perception.distance_field import cover_by_discs, distance_field
-from vuca_nav.perception.tracks import MAX_TRACKS, SLOT_SIZE, Tracker
-from vuca_nav.policy.base import LocalObservation, LocalPolicy, is_gap
-from vuca_nav.policy.delay import Unanswered
+from vuca_nav.footprint import cover_by_discs, size_of
+from vuca_nav.perception.distance_field import DistanceField, fill_field
+from vuca_nav.perception.percept import Percept
+from vuca_nav.perception.tracks import MAX_TRACKS, TRACK_SIZE, V_X, V_Y, X, Y
+from vuca_nav.policy.base import LocalGoal, LocalPolicy
+from vuca_nav.policy.delay import CommandDelay
+from vuca_nav.policy.observation import limits_of
 from vuca_nav.shield.futures import Futures, FuturesConfig
-from vuca_nav.shield.rollouts import choose, what_moves, without_movers
-from vuca_nav.types import NOBODY, STOP, BodySpec, FloatArray, LidarSpec, Pose2, VelocityCommand
+from vuca_nav.shield.rollouts import (
+    BACK,
+    HEAD_OFF,
+    STAND,
+    BodyState,
+    ShieldScene,
+    ShieldSettings,
+    WaysOut,
+    cheapest,
+    select_moving,
+    stops_clear,
+    without_tracks,
+)
+from vuca_nav.types import STOP, BodySpec, FloatArray, LidarSpec, Pose2, VelocityCommand
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,9 +53,9 @@ class ShieldConfig:
     """For so long the command is obeyed [s]; then the futures are known."""
     futures: FuturesConfig = field(default_factory=FuturesConfig)
     hold: float = 0.2
-    """A command must leave room to brake after so long: until then nothing else may be done [s]."""
+    """A command must leave clearance to brake after so long: until then nothing else may be done [s]."""
     caution: float = 0.3
-    """For so long whatever returned a beam stands: the corner of a wall may be taken for something that moves [s]."""
+    """For so long whatever returned a beam is taken to stand: the corner of a wall may pass for a moving track [s]."""
     margin: float = 0.05
     """Added to the footprint against what stands: range noise and the field's cells [m]."""
     mover_margin: float = 0.25
@@ -47,26 +63,24 @@ class ShieldConfig:
     mover_growth: float = 0.03
     """... and so much more for every second ahead [m/s]."""
     risk_weight: float = 40.0
-    """Cost of meeting something now in all futures, or of having no room to brake; a quarter of it at the horizon."""
+    """Cost of meeting something now in all futures, or of having no clearance to brake; a quarter of it at the
+    horizon."""
     turn_weight: float = 0.5
     """Cost of changing w_z by its limit."""
     side_weight: float = 0.5
     """Cost of changing v_y by its limit."""
     moving: float = 0.25
-    """Slower things stand [m/s]."""
-    walking: float = 0.12
-    """Slower things have a place in the map, since they will still be there [m/s]."""
-    certain: float = 0.6
-    """What is followed with less certainty stands: seen in a row three times it has more."""
-    sight: float = 8.0
-    """Farther things are not followed [m]."""
+    """A slower track is taken to stand [m/s]."""
+    certainty: float = 0.6
+    """A track of less is taken to stand: one that was seen three times in a row has more."""
     reach: float = 4.0
-    """Half side of the square about the robot in which the scan is looked at [m]."""
+    """Half side of the distance field of what stands [m]."""
     resolution: float = 0.05
-    """Of its distance field [m]."""
+    """Side of its cells [m]."""
     far_reach: float = 8.0
-    """The same for where things may go [m]."""
+    """The same for where moving tracks may go [m]."""
     far_resolution: float = 0.1
+    """[m]"""
 
     def __post_init__(self) -> None:
         """Raises BadArgument for what is out of its range."""
@@ -74,14 +88,12 @@ class ShieldConfig:
             raise BadArgument(f"mover_margin must be positive and mover_growth 0 or more, got {self}")
 
 
-TRACK_SPACING = 0.1
-"""Between two scans from which things are followed: over less, range noise is too much of a velocity [s]."""
 _BACKWARDS = (-1.0, 0.0, 1.0)
 """Ways out backwards: turns, over the greatest."""
 
 
-class Guard:
-    """Decides on one body's commands.
+class CommandFilter:
+    """Decides on the commands of one kind of body; it remembers nothing.
 
     Args:
         body: What is driven.
@@ -93,52 +105,54 @@ class Guard:
         self._config = c = config
         angles = lidar.angles_in_base()
         self._beams_in_base = np.column_stack([np.cos(angles), np.sin(angles)])
-        self._discs = cover_by_discs(body.footprint)
-        self._field, self._whole_field = np.zeros((2, *_cells(c.reach, c.resolution)), np.int16)
-        self._far_field = np.zeros(_cells(c.far_reach, c.far_resolution), np.int16)
+        discs = cover_by_discs(body.footprint)
+        self._settings = ShieldSettings(
+            limits=limits_of(body), accelerations=np.array([body.max_a_x, body.max_a_y, body.max_a_w]), discs=discs,
+            size=size_of(discs), time_step=c.futures.time_step, segment=c.segment, hold=c.hold, caution=c.caution,
+            margin=c.margin, mover_margin=c.mover_margin, mover_growth=c.mover_growth, risk_weight=c.risk_weight,
+            turn_weight=c.turn_weight, side_weight=c.side_weight, moving=c.moving, certainty=c.certainty,
+        )  # fmt: skip
+        self._static = DistanceField.empty(c.reach, c.resolution)
+        self._far = DistanceField.empty(c.far_reach, c.far_resolution)
         self._ranges = np.zeros(lidar.num_beams)
         self._delay = body.delay
-        self._limits = np.array([body.max_v_x, body.min_v_x, body.max_v_y, body.max_w_z])
-        self._accelerations = np.array([body.max_a_x, body.max_a_y, body.max_a_w])
         v_x = np.union1d(np.linspace(body.min_v_x, body.max_v_x, c.num_v_x), 0.0)
         v_y = np.linspace(-body.max_v_y, body.max_v_y, c.num_v_y) if body.max_v_y > 0.0 else np.zeros(1)
         w_z = np.linspace(-body.max_w_z, body.max_w_z, c.num_w_z)
         every = np.array(np.meshgrid(v_x, v_y, w_z)).reshape(3, -1).T
         self._candidates = np.vstack([np.zeros(3), every])  # the first is the policy's
         self._futures = Futures(MAX_TRACKS, c.futures)
-        self._moving = np.zeros((MAX_TRACKS, SLOT_SIZE))
-        self._ways = ways_out(c.num_ways_out)
-        steps = self._futures.positions.shape[2]
-        self._trajectories = np.zeros((len(self._ways), steps, 4))
+        self._moving = np.zeros((MAX_TRACKS, TRACK_SIZE))
+        ways = ways_out(c.num_ways_out)
+        self._ways_out = WaysOut(ways, np.zeros((len(ways), self._futures.positions.shape[2], 4)))
 
-    def choose(
-        self, wanted: VelocityCommand, last: VelocityCommand, start: Pose2, ranges: FloatArray, things: FloatArray
-    ) -> VelocityCommand:
+    def choose(self, wanted: VelocityCommand, last: VelocityCommand, start: Pose2, percept: Percept) -> VelocityCommand:
         """The wanted command, or the one that costs least.
 
         Args:
             wanted: By the policy.
             last: What the body does when this is answered.
             start: Where it is then, in base_link.
-            ranges: (num_beams,) of the scan; ``inf`` or NaN where nothing came back [m].
-            things: (k, 6) as ``Tracker.things`` gives them.
+            percept: This tick's.
         """
-        c = self._config
+        settings, ranges, beams = self._settings, percept.scan.ranges, self._beams_in_base
+        state = BodyState(*start, *last)
+        moving = self._moving[: select_moving(percept.tracks, settings, self._moving)]
+        whole = percept.field
+        if not len(moving):
+            if stops_clear(ranges, beams, wanted, state, settings, whole.uncertainty):
+                return wanted
+            static = whole.get()
+            futures = self._futures.positions[:, :0]
+        else:
+            without_tracks(ranges, beams, moving, self._ranges)
+            fill_field(self._ranges, beams, self._static)
+            fill_field(self._ranges, beams, self._far)
+            moving[:, [X, Y]] += self._delay * moving[:, [V_X, V_Y]]  # to when the body answers
+            static, futures = self._static, self._futures.draw(moving, self._far)
         self._candidates[0] = wanted
-        moving = self._moving[: what_moves(things, c.moving, c.certain, self._moving)]
-        without_movers(ranges, self._beams_in_base, moving, self._ranges)
-        distance_field(self._ranges, self._beams_in_base, c.resolution, c.reach, self._field)
-        distance_field(ranges, self._beams_in_base, c.resolution, c.reach, self._whole_field)
-        if len(moving):
-            distance_field(self._ranges, self._beams_in_base, c.far_resolution, c.far_reach, self._far_field)
-        moving[:, :2] += self._delay * moving[:, 2:4]  # to when the body answers
-        futures = self._futures.draw(moving, self._far_field, c.far_resolution, c.far_reach)
-        best = choose(
-            self._field, self._whole_field, c.resolution, c.reach, self._discs, futures, moving, self._ways,
-            self._trajectories, self._candidates, last, start, self._limits, self._accelerations, c.futures.time_step,
-            c.segment, c.hold, c.caution, c.margin, c.mover_margin, c.mover_growth, c.risk_weight, c.turn_weight,
-            c.side_weight,
-        )  # fmt: skip
+        scene = ShieldScene(static, whole.get(), moving, futures)
+        best = cheapest(self._candidates, state, scene, self._ways_out, settings)
         v_x, v_y, w_z = self._candidates[best].tolist()
         return VelocityCommand(v_x, v_y, w_z)
 
@@ -150,81 +164,47 @@ def ways_out(num_directions: int) -> FloatArray:
         num_directions: To head off in.
 
     Returns:
-        (m, 2) which kind, and its number: 0 stand; 1 head off in a direction of the present base_link [rad]; 2 back,
-        turning at a share of the limit.
+        (m, 2) as ``WaysOut.ways``: stand, head off, straight ahead first, or back.
     """
     directions = np.linspace(-math.pi, math.pi, num_directions, endpoint=False)
-    ahead = [(1.0, float(a)) for a in directions[np.argsort(np.abs(directions), kind="stable")]]
-    return np.array([(0.0, 0.0), *ahead, *((2.0, turn) for turn in _BACKWARDS)])
-
-
-def _cells(reach: float, resolution: float) -> tuple[int, int]:
-    n = 2 * round(reach / resolution)
-    return n, n
+    ahead = [(HEAD_OFF, float(a)) for a in directions[np.argsort(np.abs(directions), kind="stable")]]
+    return np.array([(STAND, 0.0), *ahead, *((BACK, turn) for turn in _BACKWARDS)])
 
 
 class Shield(LocalPolicy):
-    """Guards another policy.
-
-    It stops while what it is given cannot be trusted (``LocalObservation.is_trustworthy``), whatever the policy says.
+    """Filters another policy's commands. It stands while the percept is not valid, whatever the policy says.
 
     Args:
         body: What is driven.
         lidar: What it sees with.
-        policy: Who is guarded.
+        policy: Whose commands are filtered.
         config: Settings.
+        command_filter: Shared with other shields of the same body, lidar and settings; by default one of its own.
     """
 
-    def __init__(self, body: BodySpec, lidar: LidarSpec, policy: LocalPolicy, config: ShieldConfig = ShieldConfig()):
+    def __init__(
+        self,
+        body: BodySpec,
+        lidar: LidarSpec,
+        policy: LocalPolicy,
+        config: ShieldConfig = ShieldConfig(),
+        command_filter: CommandFilter | None = None,
+    ):
         self.policy, self.config = policy, config
-        self._guard = Guard(body, lidar, config)
-        self._unanswered = Unanswered(body, lidar.rate)
-        self._tracker = Tracker(1, lidar.num_beams, 1.0 / lidar.rate, TRACK_SPACING, lidar.num_beams)
-        self._row, self._reaches = np.zeros(1, np.int64), np.array([config.sight])
-        self._motion, self._fresh = np.zeros((1, 3)), np.ones(1, np.bool_)
-        self._things = np.zeros((MAX_TRACKS, SLOT_SIZE))
-        self._rate, self._seen_at = lidar.rate, -math.inf
+        self._filter = command_filter or CommandFilter(body, lidar, config)
+        self._delay = CommandDelay(body, lidar.rate)
 
     def reset(self) -> None:
-        """Forget the last episode."""
+        """Forget the last mission."""
         self.policy.reset()
-        self._unanswered.reset()
-        self._fresh[0], self._seen_at = True, -math.inf
+        self._delay.reset()
 
-    def look(self, observation: LocalObservation) -> None:
-        """Take in what the sensors say now; what was followed is forgotten after a gap, or if they are wrong."""
-        self.policy.look(observation)
-        if is_gap(self._seen_at, observation.scan.stamp, self._rate):
-            self._fresh[0] = True
-        self._seen_at = observation.scan.stamp
-        if not observation.is_trustworthy:
-            self._fresh[0] = True
-            return
-        self._motion[0] = observation.motion
-        self._tracker.update(self._row, observation.scan.ranges[None], self._motion, self._reaches, self._fresh)
-        self._fresh[0] = False
-
-    def walkers(self) -> FloatArray:
-        """What is known to move, (k, 3) x, y of the centre in base_link and radius [m]."""
-        if self._fresh[0]:
-            return NOBODY
-        things = self._things[: self._tracker.things(0, self._things)]
-        moving = things[: what_moves(things, self.config.walking, self.config.certain, things)]
-        return moving[:, [0, 1, 4]]
-
-    def stopped(self) -> None:
-        """The body was told to stand."""
-        self.policy.stopped()
-        self._unanswered.add(STOP)
-
-    def command(self, observation: LocalObservation) -> VelocityCommand:
+    def command(self, percept: Percept, goal: LocalGoal | None) -> VelocityCommand:
         """The policy's command, or the one that costs least."""
-        if not observation.is_trustworthy:
-            self.stopped()
-            return STOP
-        wanted = self.policy.command(observation)
-        things = self._things[: self._tracker.things(0, self._things)]
-        start, last = self._unanswered.pose(), self._unanswered.last
-        command = self._guard.choose(wanted, last, start, observation.scan.ranges, things)
-        self._unanswered.add(command)
+        command = self.policy.command(percept, goal)
+        if goal is None or not percept.is_valid:
+            command = STOP
+        else:
+            command = self._filter.choose(command, self._delay.last, self._delay.pose(), percept)
+        self._delay.add(command)
         return command

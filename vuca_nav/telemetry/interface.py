@@ -99,6 +99,9 @@ class Telemetry:
     def estimated_pose(self, map_from_base: Pose2, map_from_base_by_odometry: Pose2) -> None:
         """Where SLAM, and where dead reckoning, believes the robot is."""
 
+    def map_correction(self, map_correction: Pose2) -> None:
+        """The map has moved in itself: what was drawn into it, trails too, moves by this transform."""
+
     def grid(self, grid: OccupancyGrid) -> None:
         """The navigation grid as it is now; ``grid.probability()`` is what one would draw."""
 

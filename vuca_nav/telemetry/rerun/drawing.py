@@ -8,7 +8,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from vuca_nav.exploration.heatmap import DARK, SafetyMap
-from vuca_nav.geometry import distance
+from vuca_nav.geometry import compose, distance
 from vuca_nav.telemetry.interface import FrontierView, SceneShape
 from vuca_nav.telemetry.rerun.blueprint import (
     BEST_FRONTIER,
@@ -158,6 +158,12 @@ class Trail:
         self._last = pose
         if not self._kept or distance(self._kept[-1], pose) >= self._SPACING:
             self._kept.append(pose)
+
+    def move(self, map_correction: Pose2) -> None:
+        """The map has moved: what was drawn into it moves along."""
+        self._kept = [compose(map_correction, pose) for pose in self._kept]
+        if self._last is not None:
+            self._last = compose(map_correction, self._last)
 
     def strip(self) -> rr.LineStrips3D:
         """From the start to where it is now."""

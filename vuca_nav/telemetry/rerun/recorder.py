@@ -221,6 +221,10 @@ class RerunTelemetry(Telemetry):
         self._extend_trail("/map/trail/odometry", map_from_base_by_odometry)
         self._log_errors()
 
+    def map_correction(self, map_correction: Pose2) -> None:
+        """The map has moved in itself: the estimate's trail moves along."""
+        self._trails["/map/trail/estimate"].move(map_correction)
+
     def grid(self, grid: OccupancyGrid) -> None:
         """The navigation grid as it is now."""
         if not self._writer.due("grid", _SLOW_PERIOD):
@@ -278,12 +282,12 @@ class RerunTelemetry(Telemetry):
 
     def gate(self, shares: FloatArray) -> None:
         """Shares of the local policy's experts in the command of this tick, (E,); they add up to 1."""
-        paths = [f"/plots/gate/expert_{n}" for n in range(len(shares))]
+        paths = [f"/plots/gate/expert_{n + 1}" for n in range(len(shares))]
         if not self._gate_told:
             self._gate_told = True
             for n, path in enumerate(paths):
                 colour = look.EXPERT_COLOURS[n % len(look.EXPERT_COLOURS)]
-                lines = rr.SeriesLines(names=f"expert {n}", colors=colour, widths=1.5)
+                lines = rr.SeriesLines(names=f"expert {n + 1}", colors=colour, widths=1.5)
                 self._writer.log(path, lines, static=True)
         if self._writer.due("gate", _PLOT_PERIOD):
             for path, share in zip(paths, shares):

@@ -1,42 +1,43 @@
-"""Things of a person's size in one scan: segments of it in front of their surroundings, and pairs of legs."""
+"""Detections: objects of a person's size in one scan, as segments in front of what is behind them or pairs of legs."""
 
 import math
 
 from numba import njit
 
 MAX_WIDTH = 1.2
-"""Of a thing: the widest mover is 0.9 m, and a wall's piece is wider [m]."""
+"""Width of a detection: the widest moving obstacle is 0.9 m, and a wall's piece is wider [m]."""
 _JUMP, _JUMP_SLOPE = 0.15, 0.06
 """Ranges of neighbouring beams on one surface differ by at most this, and this share of the range [m]."""
 _DEPTH = 0.7
-"""How far behind what is seen of a thing its centre is, in half widths: 0.79 for a cylinder."""
+"""How far behind its visible surface an object's centre is, in half widths: 0.79 for a cylinder."""
 LEG_RADIUS, _STEP = 0.13, 0.55
-"""Two things with radii up to the first, at most the second apart, are the legs of one [m]."""
+"""Two detections with radii up to the first, at most the second apart, are the legs of one person [m]."""
 WHOLE, ONE_BEAM, BEHIND = 0.0, 1.0, 2.0
-"""How a thing is seen. By one beam, or behind another, it is taken for one that is known already, or for a leg."""
-FOUND_COLUMNS = 5
-"""x, y, radius, how it is seen; the last is for passing."""
+"""How an object is seen. By one beam, or behind another, it only confirms a known track, or is a leg."""
+DETECTION_SIZE = 5
+"""Columns of a detection: x, y, radius, how it is seen; the last is scratch."""
+_LEAST_RADIUS = 0.1
+"""A detection's radius is at least this: few beams meet what is slim [m]."""
 _PAIRED = -2
 
 
 @njit(cache=True, nogil=True)
-def find_things(ranges, step, beams, reach, found):
-    """Things in one scan.
+def find_detections(ranges, beams, reach, found):
+    """Detect what may move in one scan.
 
     Args:
         ranges: (beams,) [m]; ``inf`` or NaN where nothing came back.
-        step: Only every so many beams are looked at.
-        beams: (n, 2) directions of those in base_link.
-        reach: From there on nothing is looked at [m].
-        found: (most, FOUND_COLUMNS), written to: x, y of the centre in base_link, radius [m], how it is seen.
+        beams: (beams, 2) directions in base_link.
+        reach: Returns from here on are left out [m].
+        found: (most, DETECTION_SIZE), written to: x, y of the centre in base_link, radius [m], how it is seen.
 
     Returns:
-        How many there are.
+        The number of detections.
     """
     n = len(beams)
-    start = 0  # at a break, so that no thing is cut in two
+    start = 0  # at a break, so that no segment is cut in two
     while start < n:
-        here, before = ranges[start * step], ranges[(start - 1) % n * step]
+        here, before = ranges[start], ranges[(start - 1) % n]
         if 0.0 < here < reach and not abs(here - before) <= _JUMP + _JUMP_SLOPE * min(here, before):
             break
         start += 1
@@ -45,14 +46,14 @@ def find_things(ranges, step, beams, reach, found):
     count, b = 0, 0
     while b < n and count < len(found):
         first = (start + b) % n
-        if not 0.0 < ranges[first * step] < reach:
+        if not 0.0 < ranges[first] < reach:
             b += 1
             continue
         last, end = first, b
-        sum_x, sum_y, points = ranges[first * step] * beams[first, 0], ranges[first * step] * beams[first, 1], 1
+        sum_x, sum_y, points = ranges[first] * beams[first, 0], ranges[first] * beams[first, 1], 1
         for k in range(b + 1, n):
             index = (start + k) % n
-            r, r_last = ranges[index * step], ranges[last * step]
+            r, r_last = ranges[index], ranges[last]
             if 0.0 < r < reach:
                 if abs(r - r_last) > _JUMP + _JUMP_SLOPE * min(r, r_last):
                     break
@@ -63,16 +64,16 @@ def find_things(ranges, step, beams, reach, found):
             elif k - end > 1:  # one beam may have been lost
                 break
         b = end + 1
-        r_first, r_last = ranges[first * step], ranges[last * step]
-        before, after = ranges[(first - 1) % n * step], ranges[(last + 1) % n * step]
+        r_first, r_last = ranges[first], ranges[last]
+        before, after = ranges[(first - 1) % n], ranges[(last + 1) % n]
         if not 0.0 < before < reach:
-            before = ranges[(first - 2) % n * step]
+            before = ranges[(first - 2) % n]
         if not 0.0 < after < reach:
-            after = ranges[(last + 2) % n * step]
+            after = ranges[(last + 2) % n]
         width = math.hypot(
             r_first * beams[first, 0] - r_last * beams[last, 0], r_first * beams[first, 1] - r_last * beams[last, 1]
         )
-        # A piece of wall between two nearer things would seem to move as the body does: only what is in front counts,
+        # A piece of wall between two nearer objects would seem to move as the body does: only what is in front counts,
         # and a leg behind the other.
         behind = before < r_first or after < r_last
         if width > (2.0 * LEG_RADIUS if behind else MAX_WIDTH):
@@ -80,7 +81,7 @@ def find_things(ranges, step, beams, reach, found):
         x, y = sum_x / points, sum_y / points
         away = math.sqrt(x * x + y * y)
         deeper = 1.0 + _DEPTH * 0.5 * width / max(away, 1e-6)
-        found[count, 0], found[count, 1], found[count, 2] = x * deeper, y * deeper, max(0.5 * width, 0.1)
+        found[count, 0], found[count, 1], found[count, 2] = x * deeper, y * deeper, max(0.5 * width, _LEAST_RADIUS)
         found[count, 3] = BEHIND if behind else ONE_BEAM if points < 2 else WHOLE
         count += 1
     return _pair_legs(found, count)
@@ -99,7 +100,7 @@ def _nearest_leg(found, count, k):
 
 @njit(cache=True, nogil=True)
 def _pair_legs(found, count):
-    """Two legs swing against each other; what is half-way between them goes on evenly. Returns how many are left."""
+    """Join pairs of legs, which swing against each other: their midpoint goes on evenly. Returns how many are left."""
     for k in range(count):
         found[k, 4] = _nearest_leg(found, count, k) if found[k, 2] <= LEG_RADIUS else -1.0
     left = 0

@@ -1,0 +1,224 @@
+"""The perceive stage: ``Perception.update(scan, odometry) -> Percept``, once a tick, for every method alike."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from vuca_nav.checks import check_not_negative, check_positive
+from vuca_nav.geometry import between, levelling
+from vuca_nav.perception.percept import LevelScan, Percept
+from vuca_nav.perception.scan_memory import ScanField, ScanHistory
+from vuca_nav.perception.tracks import (
+    CERTAINTY,
+    HAS_LEFT,
+    MAX_TRACKS,
+    RADIUS,
+    TRACK_SIZE,
+    V_X,
+    V_Y,
+    Tracker,
+    X,
+    Y,
+)
+from vuca_nav.types import STANDING, LidarSpec, Odometry, Pose2, Scan
+
+MOST_PERIODS = 2.5
+"""Between two scans; after a longer gap the past is forgotten. A single lost scan is no gap."""
+MOST_INVALID = 0.5
+"""Share of a scan's beams that may be NaN (REP-117: a fault, not an empty beam) before the scan is invalid."""
+UPRIGHT = (0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class PerceptionConfig:
+    """How a scan is read."""
+
+    tracks: bool = True
+    """Whether moving obstacles are tracked; a method that does without has them in its map as everything else."""
+    sight: float = 8.0
+    """Nothing is tracked beyond [m]."""
+    spacing: float = 0.1
+    """Between two scans that tracks are corrected by: over less, range noise is too much of a velocity [s]."""
+    certainty: float = 0.6
+    """A track of less is taken to stand: one that was seen three times in a row has more."""
+    moving_speed: float = 0.12
+    """A slower track is taken to stand: it keeps its place in the map, since it will still be there [m/s]."""
+    own_returns: float = 0.2
+    """Returns this near to a moving track's circle are its own [m]."""
+    lowest: float = 0.3
+    """A beam that ends lower than this share of the lidar's height by the measured lean may have met the floor ..."""
+    highest: float = 0.25
+    """... and one that ends this much above the lidar may have passed over something low: neither is mapped [m]."""
+    memory: float = 0.3
+    """Age of the oldest scan that is kept [s]: n = 3 scans, 0.1 s apart, make O_m (Section III-B)."""
+    field_reach: float = 2.6
+    """Half side of the distance field [m]."""
+    field_resolution: float = 0.05
+    """[m]"""
+
+    def __post_init__(self) -> None:
+        """Raises BadArgument for what is out of its range."""
+        check_positive(self, "sight", "spacing", "own_returns", "field_reach", "field_resolution")
+        check_not_negative(self, "memory", "moving_speed", "certainty")
+
+
+class _Band(NamedTuple):
+    """Heights over the lidar between which a beam must end to be mapped [m]."""
+
+    lowest: float
+    highest: float
+    max_range: float
+
+
+class _MovingRule(NamedTuple):
+    """When a track moves, and which returns are its own."""
+
+    certainty: float
+    speed: float
+    own_returns: float
+
+
+class Perception:
+    """Reads scans and odometry.
+
+    Args:
+        lidar: What is seen with.
+        config: Settings.
+    """
+
+    def __init__(self, lidar: LidarSpec, config: PerceptionConfig = PerceptionConfig()):
+        self.lidar, self.config = lidar, config
+        angles = lidar.angles_in_base()
+        self._beams = np.column_stack([np.cos(angles), np.sin(angles)])
+        n = lidar.num_beams
+        self._level = LevelScan(np.zeros(n), self._beams.copy(), np.zeros(n, np.bool_))
+        self._band = _Band((config.lowest - 1.0) * lidar.height, config.highest, lidar.max_range)
+        self._rule = _MovingRule(config.certainty, config.moving_speed, config.own_returns)
+        self._history = ScanHistory(round(config.memory * lidar.rate) + 1, n)
+        self._field = ScanField(self._beams, config.field_reach, config.field_resolution)
+        self._tracker = Tracker(1, n, 1.0 / lidar.rate, config.spacing) if config.tracks else None
+        self._row, self._reaches = np.zeros(1, np.int64), np.array([config.sight])
+        self._motion, self._fresh = np.zeros((1, 3)), np.ones(1, np.bool_)
+        self._tracks, self._moving = np.zeros((MAX_TRACKS, TRACK_SIZE)), np.zeros((MAX_TRACKS, 3))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the last mission."""
+        self._fresh[0] = True
+        self._odom_from_before: Pose2 | None = None
+        self._stamp = -math.inf
+
+    def update(self, scan: Scan, odometry: Odometry) -> Percept:
+        """Take in what the sensors say now.
+
+        After a gap in time, or while what the sensors say is not valid, tracks and past scans are forgotten.
+
+        Args:
+            scan: The lidar's latest.
+            odometry: The body's, at the same time.
+        """
+        before, self._odom_from_before = self._odom_from_before, odometry.odom_from_base
+        motion = STANDING if before is None else between(before, odometry.odom_from_base)
+        if not 0.0 < scan.stamp - self._stamp < MOST_PERIODS / self.lidar.rate:
+            self._fresh[0] = True
+        self._stamp = scan.stamp
+        leans = odometry.up != UPRIGHT
+        axes = levelling(odometry.up)
+        invalid, returns = _level_scan(scan.ranges, self._beams, odometry.up, axes, self._band, self._level)
+        is_valid = invalid <= MOST_INVALID * self.lidar.num_beams and math.isfinite(sum(odometry.twist) + sum(motion))
+        num_tracks = num_moving = 0
+        if is_valid:
+            if self._fresh[0]:
+                self._history.begin(scan.ranges)
+            else:
+                self._history.add(scan.ranges)
+            if self._tracker is not None:
+                self._motion[0] = motion
+                self._tracker.update(self._row, scan.ranges[None], self._motion, self._reaches, self._fresh)
+                num_tracks = self._tracker.tracks_in_base(0, self._tracks)
+                if num_tracks:
+                    tracks = self._tracks[:num_tracks]
+                    if leans:
+                        tracks[:, [X, Y]] = tracks[:, [X, Y]] @ axes.T
+                        tracks[:, [V_X, V_Y]] = tracks[:, [V_X, V_Y]] @ axes.T
+                    num_moving = _find_moving(tracks, self._rule, self._moving)
+        _mark_movers(self._level, self._moving[:num_moving], self._rule.own_returns)
+        self._fresh[0] = not is_valid
+        self._field.set_scan(scan.ranges)
+        return Percept(
+            scan=scan,
+            odom_from_base=odometry.odom_from_base,
+            motion=motion,
+            twist=odometry.twist,
+            is_valid=is_valid,
+            is_blind=returns == 0,
+            level=self._level,
+            tracks=self._tracks[:num_tracks],
+            moving=self._moving[:num_moving],
+            history=self._history,
+            field=self._field,
+        )
+
+
+@njit(cache=True)
+def _level_scan(ranges, beams, up, axes, band, level):
+    """See a leaning body's scan from above: ranges over ground, and directions by ``geometry.levelling``, ``axes``.
+
+    Ranges become NaN where a beam ended outside of the band.
+
+    Returns:
+        How many ranges are NaN, and how many beams came back.
+    """
+    leans = up[0] != 0.0 or up[1] != 0.0
+    invalid = returns = 0
+    for k in range(ranges.shape[0]):
+        r = ranges[k]
+        if math.isnan(r):
+            invalid += 1
+        elif r < np.inf:
+            returns += 1
+        if not leans:
+            level.ranges[k] = r
+            continue
+        rise = up[0] * beams[k, 0] + up[1] * beams[k, 1]
+        end = rise * min(r, band.max_range)
+        level.ranges[k] = r * math.sqrt(1.0 - rise * rise) if band.lowest <= end <= band.highest else math.nan
+        x, y = axes[0, 0] * beams[k, 0] + axes[0, 1] * beams[k, 1], axes[1, 1] * beams[k, 1]
+        length = math.sqrt(x * x + y * y)
+        level.beams[k, 0], level.beams[k, 1] = x / length, y / length
+    if not leans:
+        level.beams[:] = beams
+    return invalid, returns
+
+
+@njit(cache=True)
+def _find_moving(tracks, rule, moving):
+    """Write x, y and radius of the tracks that surely move to ``moving``; returns their number."""
+    count = 0
+    for track in tracks:
+        speed_2 = track[V_X] * track[V_X] + track[V_Y] * track[V_Y]
+        if track[HAS_LEFT] > 0.0 and track[CERTAINTY] > rule.certainty and speed_2 > rule.speed * rule.speed:
+            moving[count, 0], moving[count, 1], moving[count, 2] = track[X], track[Y], track[RADIUS]
+            count += 1
+    return count
+
+
+@njit(cache=True)
+def _mark_movers(level, moving, margin):
+    """Tell which returns belong to a moving track."""
+    level.is_mover[:] = False
+    if not len(moving):
+        return
+    for k in range(level.ranges.shape[0]):
+        r = level.ranges[k]
+        if not r < np.inf:
+            continue
+        x, y = r * level.beams[k, 0], r * level.beams[k, 1]
+        for track in moving:
+            near = track[2] + margin
+            if (x - track[0]) ** 2 + (y - track[1]) ** 2 < near * near:
+                level.is_mover[k] = True
+                break

@@ -1,0 +1,63 @@
+"""The plan stage: a path to the target and the waypoint on it (Zhang et al., Section III-C, waypoint planning)."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vuca_nav.geometry import transform_points
+from vuca_nav.planning.paths import PathField
+from vuca_nav.planning.waypoints import farthest_free_waypoint
+from vuca_nav.telemetry.interface import Telemetry
+from vuca_nav.types import FloatArray, Pose2
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Where to drive next."""
+
+    path_in_map: FloatArray
+    """(n, 2) from where the robot was to its target [m]; empty before there is one."""
+    waypoint_in_map: tuple[float, float]
+    """[m]"""
+
+    def moved(self, map_correction: Pose2) -> "Plan":
+        """The same after the map has moved."""
+        (waypoint,) = transform_points(map_correction, np.array([self.waypoint_in_map])).tolist()
+        return replace(
+            self, path_in_map=transform_points(map_correction, self.path_in_map), waypoint_in_map=tuple(waypoint)
+        )
+
+
+def no_plan(start: Pose2) -> Plan:
+    """Before anything is planned: stay."""
+    return Plan(np.empty((0, 2)), (start.x, start.y))
+
+
+class Planner:
+    """Plans paths.
+
+    Args:
+        telemetry: Told the plan.
+    """
+
+    def __init__(self, telemetry: Telemetry = Telemetry()):
+        self.telemetry = telemetry
+
+    def update(self, target: tuple[float, float] | None, paths: PathField, last: Plan) -> Plan:
+        """The path to the target, and the farthest waypoint on it.
+
+        Args:
+            target: A point of the map that paths reach [m]; None if the explorer found none.
+            paths: From the robot now.
+            last: The plan so far. It is kept where nothing can be reached: most likely a moving obstacle bars the way.
+        """
+        telemetry = self.telemetry
+        if target is None:
+            telemetry.event("nothing can be reached: keeping the last path", "WARN")
+            plan = last
+        else:
+            path = paths.path_to(*target)
+            plan = Plan(path, farthest_free_waypoint(paths.costmap, path, paths.start))
+        telemetry.path(plan.path_in_map)
+        telemetry.waypoint(plan.waypoint_in_map)
+        return plan
