@@ -40,7 +40,7 @@ class DriverArguments:
     gamma: Annotated[float | None, tyro.conf.arg(metavar="G")] = None
     """How much longer a way may be if that surely spares meeting somebody [m], for a method that has V^h."""
     safety: Annotated[Path | None, tyro.conf.arg(metavar="FILE.safetensors")] = None
-    """Rate the ways by this critic instead of the shipped one, for a method that has V^h (see vuca train safety)."""
+    """Rate the ways by this critic instead of the shipped one, for a method that has V^h (see vuca train critic)."""
 
 
 @dataclass(frozen=True)

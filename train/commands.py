@@ -19,7 +19,7 @@ TRAINABLE = {
     "base-plus": "one network that sees tracks of what moves",
     "single-plus": "one network, trained on from base-plus",
     "fusion-plus": "four networks fused by a gate that is taught; starts as base-plus",
-    "safety": "the critic of V^h, from episodes that fusion-plus drives",
+    "critic": "the critic of V^h, from episodes that fusion-plus drives",
     "all": "everything but locomotion, one after another",
 }
 """What there is to be trained; everything but the gait in the batched arena. Here, so that help needs no torch."""
@@ -80,7 +80,7 @@ def _train_locomotion(argv: list[str]) -> int:
         raise BadArgument(f"--threads must be 1 or more, got {arguments.threads}")
     out = arguments.out or Path("runs") / arguments.robot
     from robots.registry import find_quadruped
-    from train.locomotion.run import STEPS, Training, TrainingConfig
+    from train.locomotion.training import STEPS, Training, TrainingConfig
 
     config = TrainingConfig(seed=arguments.seed, steps=STEPS if arguments.steps is None else arguments.steps)
     training = Training(find_quadruped(arguments.robot), config, out, resume=arguments.resume, threads=threads)

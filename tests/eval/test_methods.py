@@ -126,7 +126,7 @@ def test_a_critic_that_cannot_be_used_is_refused(weights, critic, tmp_path):
     for name in ("dwa-dh", "ours-dh", "fusion-plus"):
         with pytest.raises(BadArgument, match=rf"'{re.escape(name)}' has no V\^h; --safety goes with: ours$"):
             find_method(name, safety=critic)
-    with pytest.raises(BadWeights, match=r"no weights of a safety critic at .*none; make them with: vuca train safety"):
+    with pytest.raises(BadWeights, match=r"no weights of a safety critic at .*none; make them with: vuca train critic"):
         find_method("ours", safety=str(tmp_path / "none"))
     with pytest.raises(BadWeights, match=r"p.safetensors: format is 'vuca-policy-1', expected 'vuca-safety-1'"):
         find_method("ours", safety=weights)

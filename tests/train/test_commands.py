@@ -19,7 +19,7 @@ def calls(monkeypatch, tmp_path):
             pass
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("train.locomotion.run.Training", Run)
+    monkeypatch.setattr("train.locomotion.training.Training", Run)
     return made
 
 
@@ -66,7 +66,7 @@ def test_bad_arguments_are_one_line(tmp_path, monkeypatch, capsys, bad, named):
 def test_help_names_all_that_can_be_trained(capsys):
     from train.navigation.stages import STAGES
 
-    assert set(TRAINABLE) == {"locomotion", *STAGES, "safety", "all"}
+    assert set(TRAINABLE) == {"locomotion", *STAGES, "critic", "all"}
     assert main(["train", "--help"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "usage: vuca train WHAT [OPTIONS]"

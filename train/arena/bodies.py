@@ -37,7 +37,8 @@ class ArenaBody:
 
     spec: BodySpec
     response: FloatArray
-    """(3, 4): of v_x, v_y and w_z the gain, lag [s], delay [s] and noise [m/s or rad/s], as train.response has them."""
+    """(3, 4): of v_x, v_y and w_z the gain, lag [s], delay [s] and noise [m/s or rad/s], as
+    ``train.analysis.response`` identifies them."""
     lidar_height: float
     """[m]"""
     height: float

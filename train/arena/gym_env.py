@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from train.arena.arena import Arena
 from train.arena.config import ArenaConfig
-from train.navigation.rewards import TERMS, find_rewards, reward_terms
+from train.arena.rewards import TERMS, find_rewards, reward_terms
 from vuca_nav.policy.observation import ObservationConfig
 
 ENV_ID = "vuca/Arena-v0"

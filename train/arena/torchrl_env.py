@@ -9,7 +9,7 @@ from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from train.arena.arena import Arena
-from train.navigation.rewards import TERMS, find_rewards, reward_terms
+from train.arena.rewards import TERMS, find_rewards, reward_terms
 
 
 class ArenaEnv(EnvBase):

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from train.run_directory import read_log
+from train.ppo.run_directory import read_log
 
 _PANELS = (
     ("reward a second", ("reward/total",)),

@@ -14,7 +14,7 @@ from robots.locomotion.config import QuadrupedConfig
 from robots.locomotion.kernels import ACTION_SIZE, OBSERVATION_SIZE
 from robots.locomotion.network import CLIP, FORMAT, gait_contract
 from train.locomotion.kernels import CRITIC_SIZE
-from train.ppo_common import DiagonalNormal
+from train.ppo.distribution import DiagonalNormal
 from vuca_nav.files import write_whole
 
 _SWAPPED_LEGS = [3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8]

@@ -1,1 +1,1 @@
-"""Training of the navigation policy: rewards, networks, two stages of PPO, and what they are worth."""
+"""Training of the navigation policy: networks, two stages of PPO, and the export of the weights."""

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING
 
 import torch
 
-from train.navigation.rewards import TERMS, find_rewards
+from train.arena.rewards import TERMS, find_rewards
 from train.navigation.stages import StageConfig
 from vuca_nav.files import write_whole
 
 if TYPE_CHECKING:
-    from train.navigation.run import RunConfig
-    from train.navigation.safety import SafetyConfig
+    from train.navigation.training import RunConfig
 
 
 def write_card(
@@ -66,43 +65,6 @@ def write_card(
         f"| {last('reward/total'):.3f} | {last('gate/entropy'):.2f} of {_most(network.experts):.2f} |",
         "",
         "![learning curves](curves.png)",
-        "",
-    ]
-    write_whole(path, "\n".join(lines))
-
-
-def write_safety_card(
-    path: Path, config: "SafetyConfig", command: str, seed: int, commits: Sequence[str], seconds: float,
-    log: list[dict],
-) -> None:  # fmt: skip
-    """Write the Markdown page of a finished critic of V^h.
-
-    Args:
-        path: ``.md``.
-        config: What was learnt, and how.
-        command: What was typed.
-        seed: Of everything.
-        commits: At which it ran, one after another.
-        seconds: The training took.
-        log: Its rows.
-    """
-    tail = log[-10:]
-    loss, baseline = (sum(row[key] for row in tail) / len(tail) for key in ("loss", "baseline"))
-    lines = [
-        f"# {path.stem}",
-        "",
-        "The critic of V^h: the chance of getting to a place without meeting anything that moves, by what the "
-        "robot sees now. It rates where the ways to frontiers lead first.",
-        "",
-        f"- Command: `{command}`, torch {torch.__version__}; seed {seed}",
-        f"- Commit: {', then '.join(commits)}",
-        f"- Learnt from: {config.rounds} rounds of {config.episodes:,} episodes driven by {config.policy}, "
-        f"in {seconds / 60:.1f} minutes",
-        f"- Settings: `{json.dumps(asdict(config))}`",
-        f"- Cross entropy in the last ten rounds, before they were learnt from: {loss:.4f}; of one chance for "
-        f"everything: {baseline:.4f}",
-        "",
-        "![learning curve, and chances against what came](curves.png)",
         "",
     ]
     write_whole(path, "\n".join(lines))

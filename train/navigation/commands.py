@@ -9,11 +9,12 @@ from typing import Annotated
 
 import tyro
 
+from train.critic.config import CriticConfig
+from train.critic.training import NAME as CRITIC
+from train.critic.training import CriticTraining
 from train.navigation.environment import ArenaEnvironment
-from train.navigation.run import Collector, RunConfig, Training, even_workers
-from train.navigation.safety import NAME as SAFETY
-from train.navigation.safety import SafetyConfig, SafetyTraining
 from train.navigation.stages import EVERYTHING, StageConfig, find_stage, from_scratch
+from train.navigation.training import Collector, RunConfig, Training, even_workers
 from vuca_nav.cli import parse
 from vuca_nav.errors import BadArgument
 from vuca_nav.policy.weights_file import WEIGHTS_FOLDER
@@ -33,12 +34,12 @@ class RunArguments:
 
 
 @dataclass(frozen=True)
-class SafetyArguments(RunArguments):
+class CriticArguments(RunArguments):
     """Train the critic of V^h on what comes of episodes in the batched arena."""
 
     workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """Threads that step the arena, by default one for each core; the weights do not depend on it."""
-    config: SafetyConfig = field(default_factory=SafetyConfig)
+    config: CriticConfig = field(default_factory=CriticConfig)
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ def train_navigation(name: str, argv: list[str]) -> int:
     """Train one policy, the critic of V^h, or all of them.
 
     Args:
-        name: Of a stage, "safety", or "all".
+        name: Of a stage, "critic", or "all".
         argv: What follows it.
 
     Returns:
@@ -69,11 +70,11 @@ def train_navigation(name: str, argv: list[str]) -> int:
         command = shlex.join(["vuca", "train", "all", *argv])
         for stage in EVERYTHING:
             _train(find_stage(stage), arguments, command)
-        _train_safety(SafetyConfig(), arguments, command)
+        _train_critic(CriticConfig(), arguments, command)
         return 0
-    if name == SAFETY:
-        chosen = parse(SafetyArguments, f"train {name}", argv)
-        _train_safety(chosen.config, chosen, shlex.join(["vuca", "train", name, *argv]))
+    if name == CRITIC:
+        chosen = parse(CriticArguments, f"train {name}", argv)
+        _train_critic(chosen.config, chosen, shlex.join(["vuca", "train", name, *argv]))
         return 0
     find_stage(name)
 
@@ -102,17 +103,17 @@ def _train(stage: StageConfig, arguments: NavigationArguments, command: str) -> 
     print(f"weights: {training.weights}")
 
 
-def _train_safety(config: SafetyConfig, arguments: NavigationArguments | SafetyArguments, command: str) -> None:
+def _train_critic(config: CriticConfig, arguments: NavigationArguments | CriticArguments, command: str) -> None:
     _check_seed(arguments.seed)
     policy = arguments.out / config.policy / f"{config.policy}.safetensors"
     shipped = WEIGHTS_FOLDER / policy.name
     if shipped.is_file() and not policy.is_file():
-        print(f"{SAFETY}: no {policy}, so the shipped {config.policy} drives", file=sys.stderr)
+        print(f"{CRITIC}: no {policy}, so the shipped {config.policy} drives", file=sys.stderr)
         policy = shipped
     # Collectors on other machines do not help here.
     threads = _cores() if arguments.workers is None else min(arguments.workers, os.cpu_count() or 1)
-    training = SafetyTraining(
-        config, arguments.seed, policy, arguments.out / SAFETY, threads, command, resume=arguments.resume
+    training = CriticTraining(
+        config, arguments.seed, policy, arguments.out / CRITIC, threads, command, resume=arguments.resume
     )
     training.run()
     print(f"weights: {training.weights}")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from train.run_directory import read_log
+from train.ppo.run_directory import read_log
 
 _PANELS = (
     ("share of episodes", ("episodes/reached", "episodes/collided", "episodes/timed_out")),
@@ -43,32 +43,5 @@ def draw_curves(log: Path, picture: Path) -> None:
         axis.grid(alpha=0.3)
         if len(keys) > 1:
             axis.legend(fontsize=7)
-    figure.savefig(picture, dpi=110)
-    plt.close(figure)
-
-
-def draw_safety_curves(rows: list[dict], picture: Path) -> None:
-    """The loss over the rounds, and the last ten rounds' chances against what came; PNG."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, (left, right) = plt.subplots(1, 2, figsize=(8, 3), layout="constrained")
-    for key, label in (("loss", "critic, before it learns from the round"), ("baseline", "one chance for everything")):
-        left.plot([row["round"] for row in rows], [row[key] for row in rows], lw=1, label=label)
-    left.set(title="cross entropy", xlabel="round")
-    left.legend(fontsize=7)
-    count = np.sum([row["count"] for row in rows[-10:]], axis=0)
-    some = count > 0
-    foreseen, came = (
-        np.sum([np.multiply(row["count"], row[key]) for row in rows[-10:]], axis=0)[some] / count[some]
-        for key in ("foreseen", "came")
-    )
-    right.plot([0, 1], [0, 1], "k:", lw=1)
-    right.plot(foreseen, came, "o-", ms=4)
-    right.set(title="chances of the last ten rounds", xlabel="foreseen", ylabel="came")
-    for axis in (left, right):
-        axis.grid(alpha=0.3)
     figure.savefig(picture, dpi=110)
     plt.close(figure)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from train.arena.arena import Arena
-from train.navigation.rewards import Outcome
+from train.arena.rewards import Outcome
 from train.navigation.stages import StageConfig
 
 

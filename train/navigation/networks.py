@@ -10,7 +10,7 @@ from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 from torchrl.modules import ProbabilisticActor, ValueOperator
 
-from train.ppo_common import DiagonalNormal
+from train.ppo.distribution import DiagonalNormal
 from vuca_nav.checks import check_counts, check_fields
 
 ACTION_SIZE = 3

@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from train.arena.config import ArenaConfig
+from train.navigation.learner import PpoConfig
 from train.navigation.networks import NetworkConfig
-from train.navigation.ppo import PpoConfig
 from vuca_nav.checks import check_counts, check_fields, check_not_negative
 from vuca_nav.errors import UnknownName
 from vuca_nav.policy.observation import ObservationConfig

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from robots.clearance import FootprintClearance
+from train.analysis.episodes import Evaluation
 from train.arena.arena import Arena
 from train.arena.bank import make_bank
 from train.arena.config import BODY_KINDS, KINDS, ArenaConfig, Imperfections
-from train.arena.evaluation import Evaluation
 from train.arena.kernels import drive
 from vuca_nav.errors import BadArgument
 from vuca_nav.policy.observation import ObservationConfig
@@ -109,7 +109,7 @@ def as_shapes(columns):
 def test_a_body_answers_late_slowly_and_within_its_acceleration():
     gain, lag, delay, acceleration = 0.9, 0.2, 2, 1.5
     commands = np.concatenate([np.full(20, 1.0), np.full(20, -0.5), np.linspace(0, 1, 20)])
-    # As train.response has it, but the limit comes after the lag: wheels and legs both have theirs at the end.
+    # As train.analysis.response has it, but the limit comes after the lag: wheels and legs both have theirs at the end.
     expected, v = np.empty(60), 0.0
     for k in range(60):
         wanted = gain * commands[k - delay] if k >= delay else 0.0

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
+from train.navigation.learner import entropy
 from train.navigation.mirror import ACTION_SIGNS, observation_mirror
 from train.navigation.networks import Activation, FusedActor, NetworkConfig, make_critic
-from train.navigation.ppo import entropy
 from train.navigation.skills import SKILLS, skill_labels
 from train.navigation.weights import actor_of, export, find_sources, start_from
 from vuca_nav.errors import BadArgument, BadWeights

@@ -4,15 +4,15 @@ import pytest
 import torch
 
 from train.arena.config import ArenaConfig
-from train.navigation import run as run_module
+from train.arena.rewards import TERMS
+from train.navigation import training as run_module
 from train.navigation.environment import ArenaEnvironment
+from train.navigation.learner import PpoConfig
 from train.navigation.networks import NetworkConfig
-from train.navigation.ppo import PpoConfig
-from train.navigation.rewards import TERMS
-from train.navigation.run import RunConfig, Training
 from train.navigation.stages import StageConfig
-from train.ppo_common import log_prob
-from train.run_directory import read_log
+from train.navigation.training import RunConfig, Training
+from train.ppo.distribution import log_prob
+from train.ppo.run_directory import read_log
 from vuca_nav.errors import BadArgument
 from vuca_nav.policy.observation import ObservationConfig
 from vuca_nav.policy.weights_file import load_weights
@@ -33,7 +33,7 @@ def run(out, **options):
 @pytest.mark.slow
 def test_two_workers_on_a_local_ray_feed_the_learner(tmp_path, monkeypatch):
     pytest.importorskip("ray", reason=NEEDS_RAY)
-    from train.navigation.ray_learner import RayLearner
+    from train.ppo.ray_rollouts import RayLearner
 
     monkeypatch.setattr(run_module, "SAVE_EVERY", 2)
     weights = run(tmp_path / "whole")
@@ -61,7 +61,7 @@ def test_two_workers_on_a_local_ray_feed_the_learner(tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_a_batch_from_ray_is_what_the_present_policy_did():
     pytest.importorskip("ray", reason=NEEDS_RAY)
-    from train.navigation.ray_learner import RayLearner
+    from train.ppo.ray_rollouts import RayLearner
 
     with RayLearner(STAGE, 0, 2) as learner, torch.no_grad():
         learner.restart()

@@ -107,7 +107,7 @@ def test_tensors_that_do_not_fit_are_refused(tmp_path, name, tensor, message):
 
 
 def test_a_missing_file_is_told_how_to_be_made(tmp_path):
-    with pytest.raises(BadWeights, match="make them with: vuca train safety"):
+    with pytest.raises(BadWeights, match="make them with: vuca train critic"):
         load_safety(tmp_path / "none.safetensors")
 
 

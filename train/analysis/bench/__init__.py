@@ -1,0 +1,1 @@
+"""Speed of the arena and of the learner, as ratios to named references."""

@@ -1,0 +1,92 @@
+"""What an evaluation of policies tells: names of its rows, what is in them, and the page of tables."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from eval.analysis.statistics import wilson_interval
+from train.analysis.episodes import EpisodeRecords
+from vuca_nav.errors import BadArgument
+
+if TYPE_CHECKING:
+    from train.analysis.evaluate import EvaluateArguments, GateUse
+
+
+AS_IT_IS = "as it is"
+"""The variant of a policy with its own gate and no shield, and of the dynamic window."""
+
+
+def row_names(files: Sequence[Path]) -> list[str]:
+    """What rows are called: the files' names, of those with the same name as much of their paths as tells them apart.
+
+    Args:
+        files: Weights.
+
+    Raises:
+        BadArgument: If a file is given twice.
+    """
+    paths = [Path(os.path.abspath(file)).with_suffix("").parts for file in files]
+    for path, file in zip(paths, files):
+        if paths.count(path) > 1:
+            raise BadArgument(f"{file} is given twice")
+
+    def shortest(path: tuple[str, ...]) -> tuple[str, ...]:
+        for k in range(1, len(path)):
+            if sum(other[-k:] == path[-k:] for other in paths) == 1:
+                return path[-k:]
+        return path
+
+    return ["/".join(shortest(path)) for path in paths]
+
+
+def summary(records: EpisodeRecords, gate: GateUse | None = None) -> dict:
+    """A row of the table."""
+    n, successes = len(records.success), int(records.success.sum())
+    return {
+        "episodes": n, "success": successes / n, "success_interval": wilson_interval(successes, n),
+        "collision": float(records.collision.mean()),
+        "collision_interval": wilson_interval(int(records.collision.sum()), n),
+        "timeout": float(records.timeout.mean()),
+        "time_of_successes": float(records.time[records.success].mean()) if successes else None,
+        "arsps": float(records.arsps.mean()), "ansps": float(records.ansps.mean()),
+        "gate": None if gate is None else gate._asdict(),
+    }  # fmt: skip
+
+
+def markdown(results: dict, arguments: EvaluateArguments) -> str:
+    """The results as tables, one for each kind of world."""
+    lines = [f"{arguments.episodes} episodes of seed {arguments.seed} in each kind of world, the same for all.", ""]
+    for kind in arguments.kinds:
+        lines += [
+            f"## {kind}", "",
+            "| policy | success % | crash % | time-out % | time [s] | ARSPS | ANSPS x 1000 | gate | gate entropy, "
+            "information | difference in success |",
+            "|---|---|---|---|---|---|---|---|---|---|",
+        ]  # fmt: skip
+        for name, variants in results.items():
+            for variant, kinds in variants.items():
+                row = kinds[kind]
+                low, high = row["success_interval"]
+                against = row.get("against_as_it_is") or row.get("against_first")
+                difference = (
+                    "" if against is None else "{:+.1f} ({:+.1f} to {:+.1f})".format(*(100 * x for x in against))
+                )
+                gate = row["gate"]
+                shares = "" if gate is None else " ".join(f"{share:.2f}" for share in gate["mean"])
+                entropy = "" if gate is None else f"{gate['entropy']:.2f}, {gate['information']:.3f}"
+                time = "" if row["time_of_successes"] is None else f"{row['time_of_successes']:.1f}"
+                lines.append(
+                    f"| {name if variant == AS_IT_IS else f'{name}, {variant}'} "
+                    f"| {100 * row['success']:.1f} ({100 * low:.1f}-{100 * high:.1f}) | {100 * row['collision']:.1f} "
+                    f"| {100 * row['timeout']:.1f} | {time} | {row['arsps']:.3f} | {1000 * row['ansps']:.3f} "
+                    f"| {shares} | {entropy} | {difference} |"
+                )
+        lines.append("")
+    lines.append(
+        "Differences are paired: with the first policy, of a gate that is overruled or commands that are shielded "
+        "with the same policy without."
+    )
+    return "\n".join([*lines, ""])
