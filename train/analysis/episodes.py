@@ -6,10 +6,10 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from eval.metrics import RISK_CLAMP, RISK_RANGE
 from train.arena.arena import Arena, ArenaStep
 from train.arena.config import KINDS, ArenaConfig
 from vuca_nav.policy.observation import ObservationConfig
+from vuca_nav.task import risk_score
 from vuca_nav.types import FloatArray
 from worlds.motion.movers import TICK_RATE
 from worlds.registry import TRAINING_SEED
@@ -34,7 +34,7 @@ class EpisodeRecords:
     shortest: FloatArray
     """Length of the shortest way if nothing moved [m]."""
     arsps: FloatArray
-    """Average risk score per step, as eval.metrics has it; less is better."""
+    """Average risk score per step (``vuca_nav.task.risk_score``); less is better."""
     ansps: FloatArray
     """Average navigation score per step of 1/30 s, as eval.metrics has it."""
     min_clearance: FloatArray
@@ -99,8 +99,7 @@ class Evaluation:
     def step(self, action: NDArray[np.float32]) -> ArenaStep:
         """One decision of those that still go on."""
         before, out = self.active, self.arena.outputs
-        nearest = np.maximum(out.nearest, RISK_CLAMP)
-        risk = np.maximum(RISK_RANGE - nearest, 0.0) / np.minimum(nearest, RISK_RANGE)
+        risk = risk_score(out.nearest)
         step = self.arena.step(action)
         self._risk[before] += risk[before]
         self._decisions[before] += 1.0

@@ -10,9 +10,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from eval.metrics import RISK_RANGE
 from train.arena.arena import Arena
 from vuca_nav.policy.observation import outline_ranges
+from vuca_nav.task import NEAR_RANGE
 from vuca_nav.types import FloatArray, LidarSpec
 from worlds.level_scan import cast_level
 from worlds.motion.mover_columns import RADIUS, V_X, V_Y, X, Y
@@ -23,7 +23,7 @@ OPEN_FLOOR, TIGHT_PASSAGE, SUDDEN_MOVER, DEAD_END, KNOWN_MOVER, OTHER = range(6)
 NEAR = 1.5
 """What is within so much beyond the footprint is near [m]: TIAGo and Go2 stop within a third of it at full speed, and
 with room for a turn on top nothing beyond it asks for anything but going on."""
-ROOM = 2.0 * RISK_RANGE
+ROOM = 2.0 * NEAR_RANGE
 """Left and right of the body together, in a tight passage at most [m]: in its middle less than the 0.6 m on either
 side at which R_o and ARSPS begin to count."""
 BESIDE = math.radians(30.0)

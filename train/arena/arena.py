@@ -28,7 +28,7 @@ class ArenaStep(NamedTuple):
     collided: NDArray[np.bool_]
     """The footprint overlapped something, (n,)."""
     reached: NDArray[np.bool_]
-    """The true position came within 0.3 m of the goal, (n,)."""
+    """The true position came within ``GOAL_TOLERANCE`` of the goal, (n,)."""
     timed_out: NDArray[np.bool_]
     """The time was up, (n,)."""
     final_observation: NDArray[np.float32]

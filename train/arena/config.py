@@ -3,9 +3,9 @@
 import math
 from dataclasses import dataclass, replace
 
-from eval.metrics import GOAL_TOLERANCE
 from vuca_nav.checks import check_counts, check_fields, check_not_negative, check_positive, check_ranges, check_shares
 from vuca_nav.errors import BadArgument
+from vuca_nav.task import GOAL_TOLERANCE
 from worlds.registry import TRAINING_SEED
 
 KINDS = ("static", "dynamic", "mixed", "square", "corridor")

@@ -1,51 +1,28 @@
-"""The rewards of the paper's Table I: seven terms, one column of weights for each policy that is trained.
+"""The rewards of the paper's Table I (``vuca_nav.task``): seven terms, one column of weights for each trained policy.
 
 Two signs are not as printed: R_g there pays for moving away from the goal, and R_a for turning to the left only.
 The column ``careful`` is ours, for what goes beyond the paper.
 """
 
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eval.metrics import RISK_CLAMP, RISK_RANGE
 from vuca_nav.errors import UnknownName
+from vuca_nav.task import (
+    COLLISION,
+    FREE_TURN_RATE,
+    REACHED,
+    REWARDS,
+    STEP,
+    TERMS,
+    TIMEOUT,
+    RewardWeights,
+    risk_score,
+)
 
-TERMS = ("R_g", "R_o", "R_c", "R_r", "R_t", "R_e", "R_a")
-COLLISION, REACHED, STEP, TIMEOUT = 15.0, 20.0, 0.01, 5.0
-"""The constants of R_c, R_r, R_t and R_e in Table I."""
-FREE_TURN_RATE = 0.3
-"""A turn rate that R_a leaves alone [rad/s]: Table I."""
-
-
-class RewardWeights(NamedTuple):
-    """A column of Table I."""
-
-    w_g: float
-    """Progress towards the goal [1/m]."""
-    w_o: float
-    """Nearness of obstacles."""
-    w_c: float
-    """Collision."""
-    w_r: float
-    """Goal reached."""
-    w_t: float
-    """Every step."""
-    w_e: float
-    """Time-out."""
-    w_a: float
-    """Turning [s/rad]."""
-
-
-REWARDS = {
-    "go-straight": RewardWeights(3.0, 0.0, -0.25, 1.0, -1.0, -1.0, -0.5),
-    "obstacle-avoidance": RewardWeights(1.0, -0.4, -1.0, 0.25, 1.0, 1.0, 0.0),
-    "fusion": RewardWeights(4.0, 0.0, -1.0, 1.0, 0.0, 0.0, 0.0),
-    "careful": RewardWeights(4.0, 0.0, -3.0, 1.0, 0.0, -1.0, 0.0),
-}
-"""Table I, column by column; and ``careful``: as ``fusion``, but a collision costs three times as much. With time-outs
-free, that made a policy that waits too long (docs/training.md)."""
+__all__ = ["REWARDS", "TERMS", "Outcome", "RewardWeights", "find_rewards", "reward_terms"]
 
 
 def find_rewards(name: str) -> RewardWeights:
@@ -95,9 +72,8 @@ def reward_terms(step: Outcome, weights: RewardWeights, out: NDArray[np.float32]
         weights: A column of ``REWARDS``.
         out: (7, n), in the order of ``TERMS``; their sum over the first axis is the reward.
     """
-    nearest = np.clip(step.clearance, RISK_CLAMP, RISK_RANGE)
     out[0] = weights.w_g * step.progress
-    out[1] = weights.w_o * (RISK_RANGE - nearest) / nearest
+    out[1] = risk_score(step.clearance, weights.w_o)
     out[2] = weights.w_c * COLLISION * step.collided
     out[3] = weights.w_r * REACHED * step.reached
     out[4] = weights.w_t * STEP

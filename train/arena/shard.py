@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eval.metrics import GOAL_TOLERANCE
 from robots.clearance import overlaps_batch
 from train.arena.bank import Bank
 from train.arena.bodies import LARGEST_RADIUS, WHEEL_SPEED, BodyColumns
@@ -14,6 +13,7 @@ from train.arena.config import KINDS, ArenaConfig
 from train.arena.kernels import assign_parts, draw_episodes, drive, judge, sense
 from train.arena.rows import GOAL_X, GOAL_Y, Rows
 from vuca_nav.policy.observation import ObservationConfig, Observer, command_from_action, goal_features
+from vuca_nav.task import GOAL_TOLERANCE
 from vuca_nav.types import FloatArray, LidarSpec
 from worlds.level_scan import cast_level
 from worlds.motion.movers import TICK, TICK_RATE, TURN_RATE

@@ -6,13 +6,14 @@ import torch
 from torch import Tensor
 
 from vuca_nav.policy.observation import ObservationConfig
+from vuca_nav.task import NEAR_RANGE
 
 SKILLS = ("forward", "emergency stop", "turn", "backward")
 """In the order of the experts: copies of go-straight, obstacle-avoidance, go-straight and obstacle-avoidance."""
 AHEAD = math.radians(45.0)
 """Half of the sector that is looked at for something in the way [rad]."""
-NEAR, TOO_NEAR = 0.6, 0.3
-"""Clearances ahead at which to stop, and to back off [m]; 0.6 m is where R_o begins to count."""
+NEAR, TOO_NEAR = NEAR_RANGE, 0.3
+"""Clearances ahead at which to stop, and to back off [m]; the first is where R_o begins to count."""
 ASIDE = math.radians(35.0)
 """A goal farther off the heading than this asks for a turn [rad]."""
 

@@ -1,11 +1,10 @@
 import numpy as np
 import pytest
 
-from eval.metrics import risk_score
 from tests.train.navigation.open_ground import Step
 from train.arena.rewards import REWARDS, TERMS, find_rewards, reward_terms
 from vuca_nav.errors import UnknownName
-from vuca_nav.types import Scan
+from vuca_nav.task import risk_score
 
 
 def terms_of(column, *, progress=0.0, clearance=6.0, turn_rate=0.0, collided=False, reached=False, timed_out=False):
@@ -64,4 +63,4 @@ def test_an_unknown_column_is_named():
 @pytest.mark.parametrize("nearest", [0.02, 0.1, 0.37, 0.6, 2.0])
 def test_nearness_costs_what_evaluation_counts_as_risk(nearest):
     cost = -terms_of("obstacle-avoidance", clearance=nearest)["R_o"]
-    assert cost == pytest.approx(0.4 * risk_score(Scan(0.0, np.array([nearest]))))
+    assert cost == pytest.approx(0.4 * risk_score(nearest))
