@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from eval.methods import BEST, Method, StackRequest, find_method
-from eval.metrics import GOAL_TOLERANCE, Metrics, MetricsRecorder
+from eval.metrics import Metrics, MetricsRecorder
 from eval.prior_map import rasterise
 from robots.bodies.body import Body
 from robots.noise import NoiseConfig
@@ -18,11 +18,11 @@ from robots.simulation import Simulation
 from vuca_nav.errors import BadArgument
 from vuca_nav.geometry import distance, wrap_angle
 from vuca_nav.navigator import Navigator
+from vuca_nav.task import GOAL_TOLERANCE, time_limit
 from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import Odometry, Pose2, Scan
 from worlds.checks import check_task
 from worlds.registry import make_world, ordered_difficulties
-from worlds.shortest_path import time_limit
 from worlds.world import World
 
 Outcome = Literal["success", "collision", "fall", "timeout"]

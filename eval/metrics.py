@@ -4,27 +4,11 @@ import math
 from dataclasses import dataclass
 
 from vuca_nav.geometry import compose, distance
+from vuca_nav.task import GOAL_TOLERANCE, risk_score
 from vuca_nav.types import Pose2, Scan
-
-GOAL_TOLERANCE = 0.3
-"""How near the true position must come to the goal [m]."""
-RISK_RANGE = 0.6
-"""Nearer than this is a risk [m]: the paper, R_o in Table I and S_risk in Section V."""
-RISK_CLAMP = 0.1
-"""Least range that the risk score is computed with [m].
-
-As printed the score is max(0.6 - m, 0) / (0.6 - max(0.6 - m, 0)), which is (0.6 - m) / m below 0.6 m and has
-a pole at m = 0. The lidar's own least range bounds it: no step scores more than (0.6 - 0.1) / 0.1 = 5.
-"""
 
 TIMING_FIELDS = ("real_time_factor", "wall_time", "set_up_time")
 """The fields of a result that tell about the computer: all others are the same bits for the same seed."""
-
-
-def risk_score(scan: Scan) -> float:
-    """S_risk of one step: 0 from 0.6 m on, 1 at 0.3 m, 5 at 0.1 m and nearer."""
-    nearest = max(float(scan.ranges.min()), RISK_CLAMP)
-    return max(RISK_RANGE - nearest, 0.0) / min(nearest, RISK_RANGE)
 
 
 def success_weighted_path_length(success: bool, shortest: float, path_length: float) -> float:
@@ -103,7 +87,7 @@ class MetricsRecorder:
             clearance: True distance of the footprint to anything but the floor at that moment [m].
         """
         self._steps += 1
-        self._risk += risk_score(scan)
+        self._risk += float(risk_score(float(scan.ranges.min())))
         self._path_length += distance(self._last, true_pose)
         self._last = true_pose
         self._min_clearance = min(self._min_clearance, clearance)

@@ -16,15 +16,15 @@ from robots.registry import make_body
 from robots.simulation import Simulation
 from vuca_nav.errors import BadArgument
 from vuca_nav.geometry import distance
+from vuca_nav.task import COLLISION, GOAL_TOLERANCE, REACHED, REWARDS, time_limit
 from vuca_nav.types import Odometry, Scan, VelocityCommand
 from worlds.checks import check_task
 from worlds.registry import make_world
-from worlds.shortest_path import time_limit
 from worlds.world import World
 
 ENV_ID = "vuca/Navigation-v0"
-PROGRESS, REACHED, CRASHED = 4.0, 20.0, -15.0
-"""Rewards of the paper's Table I, its column for the fused policy: a metre nearer to the goal, the goal, a crash."""
+WEIGHTS = REWARDS["fusion"]
+"""The paper's Table I, its column for the fused policy: progress, the goal and a collision count."""
 MAX_GOAL_DISTANCE = 1000.0
 """Bound of the observation space [m]."""
 MAX_TWIST = 20.0
@@ -66,7 +66,7 @@ class NavigationEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         region: int | None = None,
         movers: int | None = None,
         rate: int = 10,
-        tolerance: float = 0.3,
+        tolerance: float = GOAL_TOLERANCE,
         noise: NoiseConfig | None = None,
     ):
         self._body = make_body(robot)
@@ -131,7 +131,8 @@ class NavigationEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             if crashed or reached:
                 break
         away = distance(simulation.true_pose, self._goal)
-        reward = PROGRESS * (self._distance - away) + REACHED * reached + CRASHED * crashed
+        reward = WEIGHTS.w_g * (self._distance - away)
+        reward += WEIGHTS.w_r * REACHED * reached + WEIGHTS.w_c * COLLISION * crashed
         self._distance = away
         ended = crashed or reached
         info = {"success": reached, "contact": simulation.contact, "fallen": simulation.fallen, "time": simulation.time}

@@ -9,9 +9,10 @@ from tqdm import tqdm
 
 from vuca_nav.cli import run_module
 from vuca_nav.errors import BadArgument
+from vuca_nav.task import time_limit
 from worlds.reachability import reachable
 from worlds.registry import make_world
-from worlds.shortest_path import shortest_path_length, time_limit
+from worlds.shortest_path import shortest_path_length
 
 RADII, RESOLUTIONS = (0.01, 2.0), (0.02, 2.0)
 """That make sense: a larger body has no way through any of the worlds, a finer grid takes hours [m]."""

@@ -49,22 +49,6 @@ def occupancy(world: World, resolution: float = 0.1, inflation: float = 0.0) -> 
 
 RESOLUTIONS = (0.1, 0.05)
 """Of the grids that ways are looked for on; the finer one only where the coarser has none [m]."""
-TIMEOUT_FACTOR = 4.0
-"""Of the time that the shortest way takes at full speed."""
-TIMEOUT_SLACK = 60.0
-"""[s]"""
-
-
-def time_limit(shortest: float, v_max: float) -> float:
-    """Of an episode [s]: four shortest ways at full speed, and a minute.
-
-    Args:
-        shortest: Length of the shortest way if nothing moved [m].
-        v_max: The body's greatest speed [m/s].
-    """
-    return TIMEOUT_FACTOR * shortest / v_max + TIMEOUT_SLACK
-
-
 STEPS = np.array(
     [(i, j) for i in range(-2, 3) for j in range(-2, 3) if abs(i) + abs(j) in (1, 3) or abs(i) == abs(j) == 1]
 )

@@ -3,36 +3,12 @@ import math
 import numpy as np
 import pytest
 
-from eval.metrics import RISK_CLAMP, MetricsRecorder, risk_score, success_weighted_path_length
+from eval.metrics import MetricsRecorder, success_weighted_path_length
 from vuca_nav.types import Pose2, Scan
 
 
 def scan_of(*ranges: float) -> Scan:
     return Scan(0.0, np.array(ranges))
-
-
-@pytest.mark.parametrize(
-    ("nearest", "score"),
-    [
-        (math.inf, 0.0),
-        (5.0, 0.0),
-        (0.6, 0.0),
-        (0.5, 0.2),  # 0.1 / 0.5
-        (0.3, 1.0),  # 0.3 / 0.3
-        (0.2, 2.0),  # 0.4 / 0.2
-        (0.1, 5.0),  # 0.5 / 0.1
-        (0.05, 5.0),  # clamped
-        (0.0, 5.0),
-    ],
-)
-def test_risk_score_by_hand(nearest, score):
-    assert risk_score(scan_of(math.inf, nearest, 7.0)) == pytest.approx(score)
-
-
-@pytest.mark.parametrize("nearest", np.linspace(RISK_CLAMP, 2.0, 20))
-def test_risk_score_is_the_printed_formula(nearest):
-    risk = max(0.6 - nearest, 0.0)
-    assert risk_score(scan_of(nearest)) == pytest.approx(risk / (0.6 - risk))
 
 
 def test_spl():

@@ -13,7 +13,7 @@ from worlds import make_world
 from worlds.checks import check_task
 from worlds.fairness import fairness
 from worlds.reachability import reachable
-from worlds.shortest_path import occupancy, shortest_path, shortest_path_length, time_limit
+from worlds.shortest_path import occupancy, shortest_path, shortest_path_length
 from worlds.world import Box, Cylinder, Mover, MoverPart, Obstacle, Patrol, World
 
 TIAGO = 0.285
@@ -118,11 +118,6 @@ def test_a_mover_on_the_start_is_refused():
     for gap, said in ((0.09, "0.09 m from the body"), (-0.5, "-0.50 m from the body")):
         with pytest.raises(BadWorld, match=rf"start: movers\[0\] \(a cylinder\) begins at .* {said}"):
             check_task(with_mover(gap), TIAGO)
-
-
-def test_time_limit():
-    assert time_limit(30.0, 1.0) == 180.0
-    assert time_limit(30.0, 0.5) == 300.0
 
 
 def test_fairness_is_of_the_worlds_that_the_body_gets(monkeypatch):

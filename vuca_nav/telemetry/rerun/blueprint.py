@@ -9,10 +9,12 @@ import math
 import rerun as rr
 import rerun.blueprint as rrb
 
+from vuca_nav.task import NEAR_RANGE
+
 TIMELINE = "time"
 """Seconds of the simulation or robot clock."""
 
-CLOSE_RANGE = 0.6
+CLOSE_RANGE = NEAR_RANGE
 """Returns nearer than this are drawn red [m]: where the paper's risk score and its reward R_o begin."""
 
 Colour = tuple[int, int, int]

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from vuca_nav.exploration.heatmap import safety_around
 from vuca_nav.geometry import distance
 from vuca_nav.mapping.grid import OccupancyGrid
+from vuca_nav.task import GOAL_TOLERANCE
 from vuca_nav.telemetry.interface import FrontierView, MeshPart, SceneShape, Telemetry
 from vuca_nav.telemetry.rerun import blueprint as look
 from vuca_nav.telemetry.rerun import drawing
@@ -36,8 +37,8 @@ _SAFETY_PERIOD = 5.0
 """Between two maps of V^h, which are made at decisions of the explorer [s]."""
 _SAFETY_HALF, _SAFETY_RESOLUTION = 8.0, 0.25
 """Half side of the square about the robot that they show, and between two of their points [m]."""
-_GOAL_TOLERANCE, _CHOSEN_RADIUS = 0.3, 0.6
-"""Of the rings about the goal (the radius that counts as arrived) and about the chosen frontier [m]."""
+_CHOSEN_RADIUS = 0.6
+"""Radius of the ring about the chosen frontier [m]; that about the goal is the task's tolerance."""
 _WANTED_HEIGHT, _TRAIL_HEIGHT = 0.08, 0.04
 """Above the map, so that one does not hide the other [m]."""
 
@@ -133,7 +134,7 @@ class RerunTelemetry(Telemetry):
             solids.log_model(self._writer.stream, rr.components.FillMode.TransparentFillMajorWireframe)
             poses = np.array([[shape.centre[0], shape.centre[1], shape.yaw] for shape in members])
             solids.log_poses(self._writer.stream, poses, static=True)
-        strips = [[[*goal, 0.0], [*goal, 2.5]], drawing.ring(goal, _GOAL_TOLERANCE, _WANTED_HEIGHT)]
+        strips = [[[*goal, 0.0], [*goal, 2.5]], drawing.ring(goal, GOAL_TOLERANCE, _WANTED_HEIGHT)]
         self._writer.log("/world/goal", rr.LineStrips3D(strips, radii=0.05, colors=look.GOAL), static=True)
         self._writer.mark("/world/goal/mark", goal, "goal", look.GOAL, static=True)
 
