@@ -18,10 +18,9 @@ from tqdm import tqdm
 
 from eval.analysis.statistics import paired_difference
 from train.analysis.episodes import EpisodeRecords, Evaluation
-from train.analysis.local_policies import ArenaPolicies
+from train.analysis.local_policies import ArenaPolicies, ArenaShield
 from train.analysis.page import AS_IT_IS, markdown, row_names, summary
 from train.arena.config import KINDS, ArenaConfig
-from train.arena.shielding import ArenaShield
 from vuca_nav.cli import run_module
 from vuca_nav.errors import BadArgument
 from vuca_nav.files import prepare_directory, write_whole
@@ -118,7 +117,7 @@ def play(
             action = np.zeros((len(active), 3), np.float32)
             action[active] = actor.mean(observation, shares).numpy()
             if shield is not None:
-                shield.guard(np.flatnonzero(active), action)
+                shield.filter(np.flatnonzero(active), action)
             evaluation.step(action)
             bar.update(int((~evaluation.active).sum()) - bar.n)
     mean = total / count

@@ -1,4 +1,4 @@
-"""Local policies of the stack in the arena: what does not learn meets the same episodes as what does."""
+"""Local policies of the stack in the arena: the shield, and what does not learn, meet the same episodes as networks."""
 
 from collections.abc import Callable
 
@@ -6,10 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from train.arena.arena import Arena
-from train.arena.shielding import action_from_command
-from vuca_nav.policy.base import LocalObservation, LocalPolicy
-from vuca_nav.policy.observation import limits_of
-from vuca_nav.types import BodySpec, LidarSpec, Pose2, Scan, Twist2
+from vuca_nav.geometry import compose
+from vuca_nav.perception.percept import Percept
+from vuca_nav.perception.perception import Perception
+from vuca_nav.policy.base import LocalGoal, LocalPolicy
+from vuca_nav.policy.observation import action_from_command, command_from_action, limits_of
+from vuca_nav.shield.shield import CommandFilter, Shield
+from vuca_nav.types import STANDING, STOP, BodySpec, LidarSpec, Odometry, Pose2, Scan, Twist2, VelocityCommand
 
 
 class ArenaPolicies:
@@ -25,7 +28,9 @@ class ArenaPolicies:
         self._rate = arena.config.decision_rate
         lidar = LidarSpec(num_beams=arena.config.num_beams, rate=float(self._rate))
         specs = [arena.bodies.bodies[k].spec for k in arena.gather("body").tolist()]
-        self._policies = [make(spec, lidar) for spec in specs]
+        self.policies = [make(spec, lidar) for spec in specs]
+        self._perceptions = [Perception(lidar) for _ in specs]
+        self._odometry = [STANDING] * len(specs)
         self._limits = [limits_of(spec) for spec in specs]
         self._decisions = 0
 
@@ -36,14 +41,68 @@ class ArenaPolicies:
             rows: That still go on.
             action: (n, 3) of all rows, shares of the bodies' limits; written to.
         """
-        shard, stamp = self._shard, self._decisions / self._rate
+        for i, command in zip(rows.tolist(), self.commands(rows)):
+            action[i] = action_from_command(command, self._limits[i])
+
+    def commands(self, rows: NDArray[np.int64]) -> list[VelocityCommand]:
+        """The next commands of these rows, which still go on."""
+        shard, stamp, commands = self._shard, self._decisions / self._rate, []
         self._decisions += 1
         for i in rows.tolist():
+            self._odometry[i] = compose(self._odometry[i], Pose2(*shard.motion[i].tolist()))
+            odometry = Odometry(stamp, self._odometry[i], Twist2(*shard.measured[i].tolist()))
+            percept = self._perceptions[i].update(Scan(stamp, shard.ranges[i]), odometry)
             goal_x, goal_y = shard.goals[i].tolist()
-            seen = LocalObservation(
-                Scan(stamp, shard.ranges[i]), (goal_x, goal_y), True, Twist2(*shard.measured[i].tolist()),
-                Pose2(*shard.motion[i].tolist()),
-            )  # fmt: skip
-            policy = self._policies[i]
-            policy.look(seen)
-            action[i] = action_from_command(policy.command(seen), self._limits[i])
+            commands.append(self.policies[i].command(percept, LocalGoal((goal_x, goal_y), True)))
+        return commands
+
+
+class ArenaShield:
+    """Filters every row's actions as the robot's shield does. Made before the first decision.
+
+    Args:
+        arena: Whose rows run one episode each, on one thread.
+    """
+
+    def __init__(self, arena: Arena):
+        filters: dict[str, CommandFilter] = {}
+        self._given: list[_Given] = []
+
+        def make(body: BodySpec, lidar: LidarSpec) -> Shield:
+            if body.name not in filters:
+                filters[body.name] = CommandFilter(body, lidar)
+            self._given.append(_Given())
+            return Shield(body, lidar, self._given[-1], command_filter=filters[body.name])
+
+        self._shields = ArenaPolicies(arena, make)
+        self._limits = [limits_of(arena.bodies.bodies[k].spec) for k in arena.gather("body").tolist()]
+
+    def filter(self, rows: NDArray[np.int64], action: NDArray[np.float32]) -> None:
+        """Replace what is not safe.
+
+        Args:
+            rows: That still go on.
+            action: (n, 3) of all rows, shares of the bodies' limits; changed.
+        """
+        given = []
+        for i in rows.tolist():
+            command = command_from_action(action[i].astype(np.float64), self._limits[i]).tolist()
+            given.append(VelocityCommand(*command))
+            self._given[i].command_given = given[-1]
+        for i, wanted, command in zip(rows.tolist(), given, self._shields.commands(rows)):
+            if command != wanted:
+                action[i] = action_from_command(command, self._limits[i])
+
+
+class _Given(LocalPolicy):
+    """Answers what it was given."""
+
+    def __init__(self) -> None:
+        self.command_given = STOP
+
+    def reset(self) -> None:
+        """It remembers nothing."""
+
+    def command(self, percept: Percept, goal: LocalGoal | None) -> VelocityCommand:
+        """What was given."""
+        return self.command_given

@@ -11,7 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from train.arena.arena import Arena
-from vuca_nav.policy.observation import outline_ranges
+from vuca_nav.footprint import outline_ranges
 from vuca_nav.task import NEAR_RANGE
 from vuca_nav.types import FloatArray, LidarSpec
 from worlds.level_scan import cast_level

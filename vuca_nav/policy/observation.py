@@ -30,7 +30,7 @@ from vuca_nav.policy.track_features import (
     write_features,
     write_features_of_rows,
 )
-from vuca_nav.types import BodySpec, FloatArray, LidarSpec
+from vuca_nav.types import BodySpec, FloatArray, LidarSpec, VelocityCommand
 
 Kind = Literal["paper", "tracked"]
 GOAL_SIZE, TWIST_SIZE, BODY_SIZE = 3, 3, 6
@@ -338,6 +338,17 @@ def command_from_action(action: NDArray[np.floating], limits: NDArray[np.floatin
     command[..., 0] = np.where(forward >= 0.0, forward * limits[..., 0], -forward * limits[..., 1])
     command[..., 1:] = share[..., 1:] * limits[..., 2:]
     return command
+
+
+def action_from_command(command: VelocityCommand, limits: NDArray[np.floating]) -> tuple[float, float, float]:
+    """The inverse of ``command_from_action`` for a command within the limits (4,)."""
+    v_x, v_y, w_z = command
+    backward = -limits[1] if limits[1] < 0.0 else 1.0
+    return (
+        v_x / limits[0] if v_x >= 0.0 else v_x / backward,
+        v_y / limits[2] if limits[2] > 0.0 else 0.0,
+        w_z / limits[3],
+    )
 
 
 def goal_features(points_in_base: NDArray[np.floating]) -> NDArray[np.float32]:

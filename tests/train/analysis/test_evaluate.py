@@ -13,11 +13,10 @@ from train.analysis.episodes import EpisodeRecords, Evaluation
 from train.analysis.evaluate import EvaluateArguments, GateUse, Played, evaluate, knock_outs, main, play
 from train.analysis.page import markdown, row_names
 from train.arena.config import ArenaConfig, Imperfections
-from train.arena.shielding import action_from_command
 from train.navigation.networks import FusedActor, NetworkConfig, make_critic
 from train.navigation.weights import actor_of, export
 from vuca_nav.errors import BadArgument, BadWeights
-from vuca_nav.policy.observation import ObservationConfig, command_from_action
+from vuca_nav.policy.observation import ObservationConfig, action_from_command, command_from_action
 from vuca_nav.policy.weights_file import WEIGHTS_FOLDER, load_weights
 from vuca_nav.types import VelocityCommand
 

@@ -6,7 +6,8 @@ import pytest
 from train.analysis.episodes import Evaluation
 from train.analysis.local_policies import ArenaPolicies
 from train.arena.config import ArenaConfig, Imperfections
-from vuca_nav.policy.base import LocalObservation, LocalPolicy
+from vuca_nav.perception.percept import Percept
+from vuca_nav.policy.base import LocalGoal, LocalPolicy
 from vuca_nav.policy.dynamic_window import DynamicWindow
 from vuca_nav.policy.observation import ObservationConfig
 from vuca_nav.types import VelocityCommand
@@ -23,9 +24,10 @@ class TowardsGoal(LocalPolicy):
     def reset(self) -> None:
         pass
 
-    def command(self, observation: LocalObservation) -> VelocityCommand:
-        self.seen.append(observation)
-        x, y = observation.waypoint_in_base
+    def command(self, percept: Percept, goal: LocalGoal | None) -> VelocityCommand:
+        assert goal is not None
+        self.seen.append((percept, goal))
+        x, y = goal.point_in_base
         bearing = math.atan2(y, x)
         ahead = 0.5 * self.body.max_v_x if abs(bearing) < 0.3 else 0.0
         return VelocityCommand(ahead, 0.0, float(np.clip(2.0 * bearing, -self.body.max_w_z, self.body.max_w_z)))
@@ -51,16 +53,16 @@ def test_who_goes_straight_to_the_goal_arrives_where_nothing_is():
 
 def test_a_policy_sees_its_own_row_at_the_arenas_rate():
     policies, _ = played("static", TowardsGoal)
-    for policy in policies._policies:
+    for policy in policies.policies:
         assert isinstance(policy, TowardsGoal)
-        stamps = [seen.scan.stamp for seen in policy.seen]
+        stamps = [seen.stamp for seen, _ in policy.seen]
         assert np.diff(stamps) == pytest.approx(1.0 / WORLD.decision_rate)
-        first, second = policy.seen[0], policy.seen[1]
+        (first, goal), (second, next_goal) = policy.seen[:2]
         assert len(first.scan.ranges) == WORLD.num_beams
         # What it was told of its motion explains how the goal has moved in its frame.
         c, s = math.cos(second.motion.yaw), math.sin(second.motion.yaw)
-        dx, dy = first.waypoint_in_base[0] - second.motion.x, first.waypoint_in_base[1] - second.motion.y
-        assert second.waypoint_in_base == pytest.approx((c * dx + s * dy, c * dy - s * dx), abs=1e-6)
+        dx, dy = goal.point_in_base[0] - second.motion.x, goal.point_in_base[1] - second.motion.y
+        assert next_goal.point_in_base == pytest.approx((c * dx + s * dy, c * dy - s * dx), abs=1e-6)
 
 
 def test_the_dynamic_window_stops_before_walls():

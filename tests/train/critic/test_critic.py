@@ -19,7 +19,7 @@ from train.navigation.mirror import observation_mirror
 from train.navigation.networks import NetworkConfig, make_critic
 from train.navigation.weights import actor_of
 from vuca_nav.errors import BadArgument, BadWeights
-from vuca_nav.exploration.critic import load_safety
+from vuca_nav.exploration.critic import load_critic
 from vuca_nav.policy.observation import ObservationConfig, goal_features
 from vuca_nav.policy.weights_file import WEIGHTS_FOLDER, load_weights
 from vuca_nav.provenance import commit
@@ -146,7 +146,7 @@ def test_a_run_that_is_gone_on_with_gives_the_same_bits(policy, tmp_path, monkey
     def train(out, config=TINY, resume=False):
         training = CriticTraining(config, 4, policy, out, 1, "vuca train critic", resume=resume)
         training.run()
-        return load_safety(training.weights)
+        return load_critic(training.weights)
 
     whole = train(tmp_path / "whole")
     save = CriticTraining._save
@@ -208,7 +208,7 @@ def test_the_command(policy, tmp_path, capsys):
     arguments = ["--out", str(tmp_path), "--workers", "1", *small]
     assert train_navigation("critic", arguments) == 0
     assert capsys.readouterr().out.strip() == f"weights: {tmp_path}/critic/critic.safetensors"
-    assert load_safety(tmp_path / "critic" / "critic.safetensors").metadata["seed"] == "0"
+    assert load_critic(tmp_path / "critic" / "critic.safetensors").metadata["seed"] == "0"
     with pytest.raises(BadArgument, match="seed must be 0 or more"):
         train_navigation("critic", [*arguments, "--seed", "-1", "--out", str(tmp_path / "b")])
     with pytest.raises(BadWeights, match=r"no policy weights at .*none/mine/mine.safetensors"):

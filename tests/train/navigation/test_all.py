@@ -16,7 +16,7 @@ from train.navigation.learner import Learner
 from train.navigation.stages import EVERYTHING, STAGES, StageConfig, from_scratch
 from train.ppo.run_directory import read_log
 from train.ppo.team import Alone
-from vuca_nav.exploration.critic import load_safety
+from vuca_nav.exploration.critic import load_critic
 from vuca_nav.policy.weights_file import WEIGHTS_FOLDER, load_weights
 
 ITERATIONS = 4
@@ -88,7 +88,7 @@ def test_all_of_them_one_after_another_killed_and_gone_on_with(tmp_path, tiny, c
     assert child.exitcode == -signal.SIGKILL
     assert {path.name for path in torn.iterdir()} == {*EVERYTHING[: EVERYTHING.index("fusion") + 1]}
     assert train_all(torn, "--resume") == 0
-    critics = [load_safety(out / "critic" / "critic.safetensors") for out in (whole, torn)]
+    critics = [load_critic(out / "critic" / "critic.safetensors") for out in (whole, torn)]
     assert all((a == b).all() for a, b in zip(critics[0].weights, critics[1].weights))
     for name in EVERYTHING:
         first, second = (out / name / f"{name}.safetensors" for out in (whole, torn))
