@@ -26,6 +26,11 @@ _AT_HORIZON = 0.25
 """Harm at the horizon over the same harm now."""
 _CHAMFER_LEAST = 0.98
 """A chamfered distance is at least this share of the true one (7/5 for a diagonal)."""
+_TIE = 1e-9
+"""Costs that differ by less are alike."""
+_NEARER = 1e-3
+"""So much nearer to an obstacle than now counts as standing in its way [m]."""
+_OBEY = np.array([AS_COMMANDED, 0.0, 1.0, 0.0])
 _MOST_POSES = 256
 """Of a braking rollout; it ends there."""
 
@@ -51,8 +56,6 @@ class ShieldSettings(NamedTuple):
     risk_weight: float
     turn_weight: float
     side_weight: float
-    moving: float
-    certainty: float
 
 
 class ShieldScene(NamedTuple):
@@ -66,6 +69,8 @@ class ShieldScene(NamedTuple):
     """(k, TRACK_SIZE) of the moving ones, where they are when the body answers."""
     futures: FloatArray
     """(scenarios, k, steps, 2) of them, in base_link [m]."""
+    near: np.ndarray
+    """Indices of the tracks that may be met, as ``what_may_be_met`` gives them."""
 
 
 class BodyState(NamedTuple):
@@ -74,6 +79,10 @@ class BodyState(NamedTuple):
     x: float
     y: float
     yaw: float
+    cos: float
+    """Of the yaw."""
+    sin: float
+    """Of the yaw."""
     v_x: float
     v_y: float
     w_z: float
@@ -83,19 +92,19 @@ class WaysOut(NamedTuple):
     """What the body may do after the first segment."""
 
     ways: FloatArray
-    """(m, 2) kind and its number: a direction of the present base_link [rad], or the share of the greatest turn."""
+    """(m, 4) kind, its number (a direction of the present base_link [rad], or the share of the greatest turn), and the
+    number's cosine and sine."""
     trajectories: FloatArray
     """(m, steps, 4) scratch: x, y, cosine and sine of the heading."""
 
 
 @njit(cache=True)
-def select_moving(tracks, settings, out):
-    """Copy the tracks that surely move to ``out``; returns their number."""
+def select_moving(tracks, speed, certainty, out):
+    """Copy the tracks that surely move faster than a speed to ``out``; returns their number."""
     count = 0
     for track in tracks:
         speed_2 = track[V_X] * track[V_X] + track[V_Y] * track[V_Y]
-        certain = track[CERTAINTY] > settings.certainty and track[HAS_LEFT] > 0.0
-        if certain and speed_2 > settings.moving * settings.moving:
+        if track[CERTAINTY] > certainty and track[HAS_LEFT] > 0.0 and speed_2 > speed * speed:
             out[count] = track
             count += 1
     return count
@@ -134,7 +143,7 @@ def stops_clear(ranges, beams, command, state, settings, blur):
         if stands:
             break
         t += dt
-        poses[count] = body.x, body.y, math.cos(body.yaw), math.sin(body.yaw)
+        poses[count] = body.x, body.y, body.cos, body.sin
         farthest = max(farthest, math.hypot(body.x, body.y))
         count += 1
     if count == _MOST_POSES:
@@ -156,28 +165,54 @@ def stops_clear(ranges, beams, command, state, settings, blur):
 
 
 @njit(cache=True)
-def cheapest(candidates, state, scene, ways_out, settings):
-    """Index of the cheapest candidate (n, 3); the first is the policy's command."""
-    c, s = math.cos(state.yaw), math.sin(state.yaw)
-    discs = settings.discs
-    now = smooth_clearance_at(scene.static, discs, state.x, state.y, c, s) - settings.margin
-    whole_now = smooth_clearance_at(scene.whole, discs, state.x, state.y, c, s) - settings.margin
-    near = _what_may_be_met(scene, state, settings)
+def cheapest(candidates, state, scene, ways_out, settings, guess):
+    """Index of the cheapest candidate; the one nearest to the first if several are.
+
+    Args:
+        candidates: (n, 3) the first is the policy's command.
+        state: A ``BodyState``.
+        scene: A ``ShieldScene``.
+        ways_out: ``WaysOut``.
+        settings: ``ShieldSettings``.
+        guess: A candidate that may well be cheap: what costs more than it needs no closer look.
+    """
+    now = _clearance(scene.static, settings, state)
+    whole_now = _clearance(scene.whole, settings, state)
     change = _changes(candidates, settings)
-    best, best_cost = 0, np.inf
-    for n in np.argsort(change, kind="mergesort"):
-        command, cost = candidates[n], change[n]
-        if cost >= best_cost:
+    cost = _cost(candidates[0], 0.0, np.inf, state, scene, ways_out, settings, (now, whole_now))
+    if cost <= 0.0:
+        return 0
+    best, best_cost = 0, cost
+    if guess > 0 and change[guess] < best_cost:
+        cost = _cost(candidates[guess], change[guess], best_cost, state, scene, ways_out, settings, (now, whole_now))
+        if cost < best_cost:
+            best, best_cost = guess, cost + _TIE
+    for n in np.argsort(change, kind="mergesort")[1:]:
+        if change[n] >= best_cost:
             break
-        lack = _lack_of_clearance(command, state, scene, settings, now, whole_now)
-        if lack > 0.0:
-            cost += settings.risk_weight * min(0.5 + 0.5 * lack / _HOPELESS, 1.0)
-        if len(near) and cost < best_cost:
-            most = (best_cost - cost) / settings.risk_weight
-            cost += settings.risk_weight * _risk(command, state, scene, near, ways_out, settings, now, most)
+        cost = _cost(candidates[n], change[n], best_cost, state, scene, ways_out, settings, (now, whole_now))
         if cost < best_cost:
             best, best_cost = n, cost
     return best
+
+
+@njit(cache=True)
+def _clearance(field, settings, state):
+    """Clearance of the body beyond the margin [m]."""
+    return smooth_clearance_at(field, settings.discs, state.x, state.y, state.cos, state.sin) - settings.margin
+
+
+@njit(cache=True)
+def _cost(command, change, most, state, scene, ways_out, settings, clearances_now):
+    """What a candidate costs; if it is ``most`` or more, some number of that size."""
+    cost = change
+    lack = _lack_of_clearance(command, state, scene, settings, clearances_now)
+    if lack > 0.0:
+        cost += settings.risk_weight * min(0.5 + 0.5 * lack / _HOPELESS, 1.0)
+    if len(scene.near) and cost < most:
+        limit = (most - cost) / settings.risk_weight
+        cost += settings.risk_weight * _risk(command, state, scene, ways_out, settings, clearances_now[0], limit)
+    return cost
 
 
 @njit(cache=True)
@@ -195,9 +230,8 @@ def _changes(candidates, settings):
 
 
 @njit(cache=True)
-def _what_may_be_met(scene, state, settings):
-    """Indices of the tracks that in some future come so near that the body could meet them."""
-    tracks, futures = scene.tracks, scene.futures
+def what_may_be_met(tracks, futures, state, settings):
+    """Indices of the tracks (k, TRACK_SIZE) that in some future come so near that the body could meet them."""
     margin = settings.mover_margin + _NEAR_MARGIN
     near, gaps = np.empty(len(tracks), np.int64), np.empty(len(tracks))
     count = 0
@@ -215,38 +249,38 @@ def _what_may_be_met(scene, state, settings):
 
 
 @njit(cache=True)
-def _risk(command, state, scene, near, ways_out, settings, now, most):
+def _risk(command, state, scene, ways_out, settings, now, most):
     """Mean over the futures of the harm that comes even of what is best after the first segment.
 
     It is added up only as far as to ``most``: beyond it, another candidate is better anyway.
     """
-    futures, ways, trajectories = scene.futures, ways_out.ways, ways_out.trajectories
+    futures, ways, trajectories, near = scene.futures, ways_out.ways, ways_out.trajectories, scene.near
     steps = futures.shape[2]
     first = min(int(round(settings.segment / settings.time_step)), steps)
-    turned = _roll_out(
-        AS_COMMANDED, 0.0, command, state, scene.static, settings, now, trajectories[0][:first]
-    )  # fmt: skip
-    known = np.zeros(len(ways), np.bool_)
-    total, favourite = 0.0, 1
+    turned = _roll_out(_OBEY, command, state, scene.static, settings, now, trajectories[0][:first])
+    so_far_of = np.empty(len(futures))
+    total = 0.0
     for s in range(len(futures)):
-        future = futures[s]
-        so_far = _harm(future, scene.tracks, near, trajectories[0], 0, first, settings)
+        so_far_of[s] = _harm(futures[s], scene.tracks, near, trajectories[0], 0, first, settings)
+        total += so_far_of[s]
+    known = np.zeros(len(ways), np.bool_)
+    favourite = 1
+    for s in range(len(futures)):
+        if total >= most * len(futures):
+            break
+        future, so_far = futures[s], so_far_of[s]
         least, begin_with = 1.0, favourite
         for attempt in range(len(ways)):
             if least <= so_far or so_far == 1.0:
                 break
             m = (begin_with + attempt) % len(ways)
             if not known[m]:
-                _roll_out(
-                    ways[m, 0], ways[m, 1], command, turned, scene.static, settings, now, trajectories[m][first:]
-                )  # fmt: skip
+                _roll_out(ways[m], command, turned, scene.static, settings, now, trajectories[m][first:])
                 known[m] = True
             harm = _harm(future, scene.tracks, near, trajectories[m], first, steps, settings)
             if harm < least:
                 least, favourite = harm, m
-        total += max(so_far, least)
-        if total >= most * len(futures):
-            break
+        total += max(least - so_far, 0.0)
     return total / len(futures)
 
 
@@ -258,9 +292,15 @@ def _towards(value, target, step):
 @njit(cache=True)
 def _advance(state, v_x, v_y, w_z, dt):
     """The state after a time step at these velocities."""
-    c, s = math.cos(state.yaw + 0.5 * w_z * dt), math.sin(state.yaw + 0.5 * w_z * dt)
+    half = 0.5 * w_z * dt
+    # To 1e-9 for half of 0.2 rad, a turn of 4 rad/s.
+    square = half * half
+    cos_half = 1.0 - 0.5 * square * (1.0 - square / 12.0 * (1.0 - square / 30.0))
+    sin_half = half * (1.0 - square / 6.0 * (1.0 - square / 20.0 * (1.0 - square / 42.0)))
+    c, s = state.cos * cos_half - state.sin * sin_half, state.sin * cos_half + state.cos * sin_half
     x, y = state.x + (v_x * c - v_y * s) * dt, state.y + (v_x * s + v_y * c) * dt
-    return BodyState(x, y, state.yaw + w_z * dt, v_x, v_y, w_z)
+    cos, sin = c * cos_half - s * sin_half, s * cos_half + c * sin_half
+    return BodyState(x, y, state.yaw + w_z * dt, cos, sin, v_x, v_y, w_z)
 
 
 @njit(cache=True)
@@ -274,20 +314,21 @@ def _brake(state, command, held, accelerations, dt):
 
 
 @njit(cache=True)
-def _roll_out(kind, number, command, state, static, settings, now, trajectory):
+def _roll_out(way, command, state, static, settings, now, trajectory):
     """Positions, cosine and sine of the heading on a way, into ``trajectory``; the body stands before what stands.
 
     Returns:
         The state at the end.
     """
+    kind, number = way[0], way[1]
     limits, accelerations, dt = settings.limits, settings.accelerations, settings.time_step
     stands = False
     for step in range(len(trajectory)):
         if not stands:
             if kind == HEAD_OFF:
                 error = (number - state.yaw + math.pi) % (2.0 * math.pi) - math.pi
-                wanted_x = limits[0] * max(math.cos(error), 0.0)
-                wanted_y = limits[2] * math.sin(error)
+                wanted_x = limits[0] * max(way[2] * state.cos + way[3] * state.sin, 0.0)
+                wanted_y = limits[2] * (way[3] * state.cos - way[2] * state.sin)
                 wanted_w = min(max(_TURN_GAIN * error, -limits[3]), limits[3])
             elif kind == BACK:
                 wanted_x, wanted_y, wanted_w = limits[1], 0.0, number * limits[3]
@@ -299,16 +340,13 @@ def _roll_out(kind, number, command, state, static, settings, now, trajectory):
             v_y = _towards(state.v_y, wanted_y, accelerations[1] * dt)
             w_z = _towards(state.w_z, wanted_w, accelerations[2] * dt)
             following = _advance(state, v_x, v_y, w_z, dt)
-            clearance = smooth_clearance_at(
-                static, settings.discs, following.x, following.y, math.cos(following.yaw), math.sin(following.yaw)
-            ) - settings.margin  # fmt: skip
-            stands = clearance < min(0.0, now) - 1e-3
+            stands = _clearance(static, settings, following) < min(0.0, now) - _NEARER
             if stands:
-                state = BodyState(state.x, state.y, state.yaw, 0.0, 0.0, 0.0)
+                state = BodyState(state.x, state.y, state.yaw, state.cos, state.sin, 0.0, 0.0, 0.0)
             else:
                 state = following
         trajectory[step, 0], trajectory[step, 1] = state.x, state.y
-        trajectory[step, 2], trajectory[step, 3] = math.cos(state.yaw), math.sin(state.yaw)
+        trajectory[step, 2], trajectory[step, 3] = state.cos, state.sin
     return state
 
 
@@ -323,6 +361,8 @@ def _harm(future, tracks, near, trajectory, first, end, settings):
         weight = 1.0 - (1.0 - _AT_HORIZON) * step / future.shape[1]
         for k in near:
             there_x, there_y = future[k, step, 0] - x, future[k, step, 1] - y
+            if there_x * there_x + there_y * there_y >= (settings.size + tracks[k, RADIUS] + margin) ** 2:
+                continue
             for d in range(len(discs)):
                 away_x = there_x - (c * discs[d, 0] - s * discs[d, 1])
                 away_y = there_y - (s * discs[d, 0] + c * discs[d, 1])
@@ -335,8 +375,9 @@ def _harm(future, tracks, near, trajectory, first, end, settings):
 
 
 @njit(cache=True)
-def _lack_of_clearance(command, state, scene, settings, now, whole_now):
+def _lack_of_clearance(command, state, scene, settings, clearances_now):
     """How much clearance is missing to go on so for ``hold`` and then come to a stand, 0 if none is [m]."""
+    now, whole_now = clearances_now
     body, dt = state, 0.5 * settings.time_step
     t, lack = 0.0, 0.0
     while True:
@@ -344,10 +385,7 @@ def _lack_of_clearance(command, state, scene, settings, now, whole_now):
         if stands:
             return lack
         t += dt
-        c, s = math.cos(body.yaw), math.sin(body.yaw)
         # Too near an obstacle the body may stay as it is, or move away from it.
-        clearance = smooth_clearance_at(scene.static, settings.discs, body.x, body.y, c, s) - settings.margin
-        lack = max(lack, min(0.0, now) - clearance)
+        lack = max(lack, min(0.0, now) - _clearance(scene.static, settings, body))
         if t <= settings.caution:
-            clearance = smooth_clearance_at(scene.whole, settings.discs, body.x, body.y, c, s) - settings.margin
-            lack = max(lack, min(0.0, whole_now) - clearance)
+            lack = max(lack, min(0.0, whole_now) - _clearance(scene.whole, settings, body))

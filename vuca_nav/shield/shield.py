@@ -34,6 +34,7 @@ from vuca_nav.shield.rollouts import (
     cheapest,
     select_moving,
     stops_clear,
+    what_may_be_met,
     without_tracks,
 )
 from vuca_nav.types import STOP, BodySpec, FloatArray, LidarSpec, Pose2, VelocityCommand
@@ -88,12 +89,13 @@ class ShieldConfig:
             raise BadArgument(f"mover_margin must be positive and mover_growth 0 or more, got {self}")
 
 
+_NONE = np.empty(0, np.int64)
 _BACKWARDS = (-1.0, 0.0, 1.0)
 """Ways out backwards: turns, over the greatest."""
 
 
 class CommandFilter:
-    """Decides on the commands of one kind of body; it remembers nothing.
+    """Decides on the commands of one kind of body. What it decides does not depend on what it decided before.
 
     Args:
         body: What is driven.
@@ -110,7 +112,7 @@ class CommandFilter:
             limits=limits_of(body), accelerations=np.array([body.max_a_x, body.max_a_y, body.max_a_w]), discs=discs,
             size=size_of(discs), time_step=c.futures.time_step, segment=c.segment, hold=c.hold, caution=c.caution,
             margin=c.margin, mover_margin=c.mover_margin, mover_growth=c.mover_growth, risk_weight=c.risk_weight,
-            turn_weight=c.turn_weight, side_weight=c.side_weight, moving=c.moving, certainty=c.certainty,
+            turn_weight=c.turn_weight, side_weight=c.side_weight,
         )  # fmt: skip
         self._static = DistanceField.empty(c.reach, c.resolution)
         self._far = DistanceField.empty(c.far_reach, c.far_resolution)
@@ -123,6 +125,7 @@ class CommandFilter:
         self._candidates = np.vstack([np.zeros(3), every])  # the first is the policy's
         self._futures = Futures(MAX_TRACKS, c.futures)
         self._moving = np.zeros((MAX_TRACKS, TRACK_SIZE))
+        self._guess = 0
         ways = ways_out(c.num_ways_out)
         self._ways_out = WaysOut(ways, np.zeros((len(ways), self._futures.positions.shape[2], 4)))
 
@@ -135,24 +138,25 @@ class CommandFilter:
             start: Where it is then, in base_link.
             percept: This tick's.
         """
-        settings, ranges, beams = self._settings, percept.scan.ranges, self._beams_in_base
-        state = BodyState(*start, *last)
-        moving = self._moving[: select_moving(percept.tracks, settings, self._moving)]
-        whole = percept.field
-        if not len(moving):
-            if stops_clear(ranges, beams, wanted, state, settings, whole.uncertainty):
-                return wanted
-            static = whole.get()
-            futures = self._futures.positions[:, :0]
-        else:
+        c, settings, ranges, beams = self._config, self._settings, percept.scan.ranges, self._beams_in_base
+        state = BodyState(*start, math.cos(start.yaw), math.sin(start.yaw), *last)
+        moving = self._moving[: select_moving(percept.tracks, c.moving, c.certainty, self._moving)]
+        near, futures, whole = _NONE, self._futures.positions[:, :0], percept.field
+        if len(moving):
             without_tracks(ranges, beams, moving, self._ranges)
-            fill_field(self._ranges, beams, self._static)
             fill_field(self._ranges, beams, self._far)
             moving[:, [X, Y]] += self._delay * moving[:, [V_X, V_Y]]  # to when the body answers
-            static, futures = self._static, self._futures.draw(moving, self._far)
+            futures = self._futures.draw(moving, self._far)
+            near = what_may_be_met(moving, futures, state, settings)
+        if not len(near) and stops_clear(ranges, beams, wanted, state, settings, whole.uncertainty):
+            return wanted
+        static = whole.get()
+        if len(moving):
+            fill_field(self._ranges, beams, self._static)
+            static = self._static
         self._candidates[0] = wanted
-        scene = ShieldScene(static, whole.get(), moving, futures)
-        best = cheapest(self._candidates, state, scene, self._ways_out, settings)
+        scene = ShieldScene(static, whole.get(), moving, futures, near)
+        self._guess = best = cheapest(self._candidates, state, scene, self._ways_out, settings, self._guess)
         v_x, v_y, w_z = self._candidates[best].tolist()
         return VelocityCommand(v_x, v_y, w_z)
 
@@ -164,11 +168,12 @@ def ways_out(num_directions: int) -> FloatArray:
         num_directions: To head off in.
 
     Returns:
-        (m, 2) as ``WaysOut.ways``: stand, head off, straight ahead first, or back.
+        (m, 4) as ``WaysOut.ways``: stand, head off, straight ahead first, or back.
     """
     directions = np.linspace(-math.pi, math.pi, num_directions, endpoint=False)
     ahead = [(HEAD_OFF, float(a)) for a in directions[np.argsort(np.abs(directions), kind="stable")]]
-    return np.array([(STAND, 0.0), *ahead, *((BACK, turn) for turn in _BACKWARDS)])
+    kinds = [(STAND, 0.0), *ahead, *((BACK, turn) for turn in _BACKWARDS)]
+    return np.array([(kind, number, math.cos(number), math.sin(number)) for kind, number in kinds])
 
 
 class Shield(LocalPolicy):
