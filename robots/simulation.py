@@ -4,24 +4,23 @@
 # (MuJoCo's compiled bindings and dm_control's generated elements are invisible to a static checker.)
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 
 from robots.bodies.body import Body
-from robots.bodies.kinematics import heading_rate, place_mocap, place_planar, planar_pose, rotation_of
+from robots.bodies.kinematics import heading_rate, place_planar, planar_pose, rotation_of
 from robots.clearance import FootprintClearance
-from robots.contacts import SceneContacts
 from robots.noise import NoiseConfig
+from robots.physics import Physics
 from robots.sensors import LidarNoise
 from vuca_nav.errors import BadArgument, VucaError
 from vuca_nav.geometry import between
 from vuca_nav.telemetry.interface import SceneShape, Telemetry
 from vuca_nav.types import STOP, Odometry, Pose2, Scan, Twist2, VelocityCommand
 from worlds.arrays import pack_shapes
-from worlds.mjcf import build_arena, obstacle_name, part_name
+from worlds.mjcf import obstacle_name, part_name
 from worlds.motion.movers import MoverField
 from worlds.raycast import RayCaster
 from worlds.world import Cylinder, Shape, World
@@ -103,15 +102,13 @@ class Simulation:
         self._substeps = rates.physics // rates.control
         self._controls = rates.control // rates.lidar
 
-        self.model = build_model(world, body, rates.physics)
-        self.data = mujoco.MjData(self.model)
+        self._physics = Physics(world, body, rates.physics)
+        self.model, self.data = self._physics.model, self._physics.data
         base = self.model.body(f"{body.spec.name}/").id
         start = self.model.jnt_qposadr[self.model.body_jntadr[base]]
         self._base_qpos = self.data.qpos[start : start + 7]
         self._base_qvel = self.data.qvel[self.model.jnt_dofadr[self.model.body_jntadr[base]] :][:6]
-        self._mocap_pos, self._mocap_quat = self.data.mocap_pos, self.data.mocap_quat
         self._bound = body.bind(self.model, self.data, self._control_dt, noise)
-        self._contacts = SceneContacts(self.model, _categories(world))
 
         self._movers = MoverField(world)
         static = pack_shapes([obstacle.shape for obstacle in world.obstacles])
@@ -138,15 +135,13 @@ class Simulation:
 
     def reset(self) -> tuple[Scan, Odometry]:
         """Put everything back to the start, the noise included, and look around once."""
-        mujoco.mj_resetData(self.model, self.data)
+        self._physics.reset()
         self._lidar_noise = LidarNoise(self.body.lidar, self._noise, self._rng(0))
         self._movers.reset()
-        place_mocap(self._movers.part_poses, self._mocap_pos, self._mocap_quat)
         self._bound.reset(self.world.start, self._rng(1))
-        self._contacts.watch(True)
         for _ in range(round(self.body.settle_time * self._rates.control)):
             self._bound.apply(STOP)
-            mujoco.mj_step(self.model, self.data, nstep=self._substeps)
+            self._physics.step_in_scene(self._substeps, self._movers.part_poses)
         # A body that rises shifts its base by centimetres; the mission begins where its start is.
         place_planar(self._base_qpos, self._base_qvel, *self.world.start)
         mujoco.mj_forward(self.model, self.data)
@@ -173,7 +168,6 @@ class Simulation:
         for _ in range(self._controls):
             x, y, yaw = planar_pose(self._base_qpos)
             self._movers.step(self._control_dt, (x, y, self._radius))
-            place_mocap(self._movers.part_poses, self._mocap_pos, self._mocap_quat)
             self._bound.apply(command)
             self._advance_physics(self._proximity.distance(x, y, yaw, self._movers.part_poses))
             self._bound.update_odometry()
@@ -183,17 +177,14 @@ class Simulation:
         return self._observe()
 
     def _advance_physics(self, clearance: float) -> None:
-        """One control step. Contacts with the scene are looked for where one is possible, at every physics step."""
+        """Advance the physics by one control step, in the scene if a contact with it is possible."""
         lean = 2.0 * math.hypot(self._base_qpos[4], self._base_qpos[5])  # sine of the tilt, or more
         if clearance > SAFE_DISTANCE + lean * self.body.height:
-            self._contacts.watch(False)
-            mujoco.mj_step(self.model, self.data, nstep=self._substeps)
+            self._physics.step_alone(self._substeps)
             return
-        self._contacts.watch(True)
-        for _ in range(self._substeps):
-            mujoco.mj_step(self.model, self.data)
-            if self.contact is None and (touched := self._contacts.first(self.data)) is not None:
-                self.contact_name, self.contact = touched
+        touched = self._physics.step_in_scene(self._substeps, self._movers.part_poses)
+        if self.contact is None and touched is not None:
+            self.contact_name, self.contact = touched
 
     def _observe(self) -> tuple[Scan, Odometry]:
         x, y, yaw = planar_pose(self._base_qpos)
@@ -232,18 +223,6 @@ class Simulation:
         return np.random.default_rng(np.random.SeedSequence(seed.entropy, spawn_key=key))
 
 
-def build_model(world: World, body: Body, physics_rate: float) -> mujoco.MjModel:
-    """The robot, free to move, in the scene, compiled. The integrator is the body's choice."""
-    arena = build_arena(world)
-    arena.attach(body.mjcf()).add("freejoint")
-    option = arena.option
-    option.timestep = 1.0 / physics_rate
-    option.cone = "pyramidal"
-    option.iterations, option.ls_iterations = 10, 10  # converges in 1-2; more only costs when something is wrong
-    option.flag.autoreset = "disable"  # a diverged episode must end, not silently start over
-    return mujoco.MjModel.from_xml_string(arena.to_xml_string())
-
-
 def scene_shapes(world: World) -> list[SceneShape]:
     """What stands still, for telemetry."""
     return [
@@ -268,12 +247,3 @@ def _scene_shape(name: str, shape: Shape, category: str) -> SceneShape:
     else:
         half, yaw, kind = (shape.length / 2.0, shape.width / 2.0, shape.height / 2.0), shape.yaw, "box"
     return SceneShape(name, kind, half, (shape.x, shape.y, z), yaw, category)
-
-
-def _categories(world: World) -> dict[str, str]:
-    """Kind of every geom of the scene but the floor."""
-    kinds: Sequence[tuple[str, str]] = [
-        *((obstacle_name(i, o.kind), o.kind) for i, o in enumerate(world.obstacles)),
-        *((part_name(m, p, v.kind), v.kind) for m, v in enumerate(world.movers) for p in range(len(v.parts))),
-    ]
-    return dict(kinds)
