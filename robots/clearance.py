@@ -1,4 +1,4 @@
-"""How near the robot is to anything: exact distance of its footprint to every upright shape, for metrics only."""
+"""Exact clearance of a robot's footprint to upright shapes, for metrics and for the simulation's own use."""
 
 import math
 
@@ -20,23 +20,38 @@ class FootprintClearance:
     """
 
     def __init__(self, static: ShapeArrays, part_shapes: ShapeArrays, footprint: FloatArray, height: float):
-        columns = [_packed(shapes, height) for shapes in (static, part_shapes)]
-        self._shapes, self._num_static = np.concatenate(columns), len(static)
+        self._shapes = np.concatenate([_packed(shapes, height) for shapes in (static, part_shapes)])
+        self._num_static = len(static)
         self._footprint = np.ascontiguousarray(footprint, float)
         self._radius = float(np.hypot(footprint[:, 0], footprint[:, 1]).max())
         self._moved = np.empty_like(self._footprint)
 
     def distance(self, x: float, y: float, yaw: float, part_poses: FloatArray) -> float:
-        """From the footprint with base_link at (x, y, yaw) to the nearest surface; 0 inside, ``inf`` if nothing is [m].
+        """Distance from the footprint to the nearest surface; 0 inside a shape, ``inf`` if there is none [m].
 
         Args:
-            x: [m]
-            y: [m]
-            yaw: [rad]
+            x: Of base_link in the world [m].
+            y: Of base_link in the world [m].
+            yaw: Of base_link in the world [rad].
             part_poses: x, y, yaw of each part's centre in the world, (num_parts, 3).
         """
+        return self._distance_up_to(math.inf, x, y, yaw, part_poses)
+
+    def is_beyond(self, limit: float, x: float, y: float, yaw: float, part_poses: FloatArray) -> bool:
+        """Whether every surface is at least ``limit`` [m] from the footprint; cheaper than the distance.
+
+        Args:
+            limit: [m]
+            x: Of base_link in the world [m].
+            y: Of base_link in the world [m].
+            yaw: Of base_link in the world [rad].
+            part_poses: x, y, yaw of each part's centre in the world, (num_parts, 3).
+        """
+        return self._distance_up_to(limit, x, y, yaw, part_poses) >= limit
+
+    def _distance_up_to(self, limit: float, x: float, y: float, yaw: float, part_poses: FloatArray) -> float:
         return _clearance(
-            self._shapes, self._num_static, part_poses, self._footprint, self._radius, x, y, yaw, self._moved
+            self._shapes, self._num_static, part_poses, self._footprint, self._radius, (x, y, yaw), limit, self._moved
         )
 
 
@@ -49,13 +64,15 @@ def _packed(shapes: ShapeArrays, height: float) -> FloatArray:
 
 
 @njit(cache=True)
-def _clearance(shapes, num_static, part_poses, footprint, radius, x, y, yaw, moved):
+def _clearance(shapes, num_static, part_poses, footprint, radius, pose, limit, moved):
+    """Distance to the nearest shape, or ``limit`` if that is less."""
+    x, y, yaw = pose
     for i in range(len(part_poses)):
         row = shapes[num_static + i]
         row[0], row[1] = part_poses[i, 0], part_poses[i, 1]
         row[2], row[3] = math.cos(part_poses[i, 2]), math.sin(part_poses[i, 2])
     base_cos, base_sin = math.cos(yaw), math.sin(yaw)
-    nearest = math.inf
+    nearest = limit
     for i in range(len(shapes)):
         cx, cy, cos, sin, half_x, half_y, is_cylinder, bound = shapes[i]
         if bound < 0.0:
@@ -84,10 +101,14 @@ def _clearance(shapes, num_static, part_poses, footprint, radius, x, y, yaw, mov
     return nearest
 
 
+_SLACK = 1.0 + 1e-9
+"""Of a comparison of squares that only decides whether the exact comparison can be left out: far above rounding."""
+
+
 @njit(cache=True)
 def _point_to_polygon(x, y, polygon):
     """Distance of a point to a convex counter-clockwise polygon, 0 inside."""
-    inside, nearest = True, math.inf
+    inside, nearest, worth = True, math.inf, math.inf
     ax, ay = polygon[-1, 0], polygon[-1, 1]
     for k in range(len(polygon)):
         bx, by = polygon[k, 0], polygon[k, 1]
@@ -95,7 +116,10 @@ def _point_to_polygon(x, y, polygon):
         if ex * ry - ey * rx < 0.0:
             inside = False
         t = min(max((ex * rx + ey * ry) / (ex * ex + ey * ey), 0.0), 1.0)
-        nearest = min(nearest, math.hypot(rx - t * ex, ry - t * ey))
+        px, py = rx - t * ex, ry - t * ey
+        if px * px + py * py <= worth:
+            nearest = min(nearest, math.hypot(px, py))
+            worth = nearest * nearest * _SLACK
         ax, ay = bx, by
     return 0.0 if inside else nearest
 
@@ -107,18 +131,28 @@ def _polygon_to_box(polygon, half_x, half_y):
     Between disjoint convex shapes the shortest way starts at a corner of one of them; those that overlap have
     no corner inside only if an edge of the polygon crosses the box.
     """
-    nearest = math.inf
+    nearest, worth = math.inf, math.inf
+    low_x = low_y = math.inf
+    high_x = high_y = -math.inf
     ax, ay = polygon[-1, 0], polygon[-1, 1]
     for k in range(len(polygon)):
         bx, by = polygon[k, 0], polygon[k, 1]
+        low_x, high_x, low_y, high_y = min(low_x, bx), max(high_x, bx), min(low_y, by), max(high_y, by)
         out_x, out_y = max(abs(bx) - half_x, 0.0), max(abs(by) - half_y, 0.0)
-        nearest = min(nearest, math.hypot(out_x, out_y))
+        if out_x * out_x + out_y * out_y <= worth:
+            nearest = min(nearest, math.hypot(out_x, out_y))
+            worth = nearest * nearest * _SLACK
         if nearest == 0.0 or _segment_meets_box(ax, ay, bx, by, half_x, half_y):
             return 0.0
         ax, ay = bx, by
     for sign_x in (-1.0, 1.0):
         for sign_y in (-1.0, 1.0):
-            nearest = min(nearest, _point_to_polygon(sign_x * half_x, sign_y * half_y, polygon))
+            x, y = sign_x * half_x, sign_y * half_y
+            # A corner as far as that from the polygon's own bounding box is at least as far from the polygon.
+            out_x, out_y = max(low_x - x, x - high_x, 0.0), max(low_y - y, y - high_y, 0.0)
+            if out_x * out_x + out_y * out_y <= worth:
+                nearest = min(nearest, _point_to_polygon(x, y, polygon))
+                worth = nearest * nearest * _SLACK
     return nearest
 
 

@@ -169,20 +169,21 @@ class Simulation:
             x, y, yaw = planar_pose(self._base_qpos)
             self._movers.step(self._control_dt, (x, y, self._radius))
             self._bound.apply(command)
-            self._advance_physics(self._proximity.distance(x, y, yaw, self._movers.part_poses))
+            self._advance_physics(x, y, yaw)
             self._bound.update_odometry()
         self._ticks += 1
         self.time = self._ticks / self._rates.lidar
         self._telemetry.time(self.time)
         return self._observe()
 
-    def _advance_physics(self, clearance: float) -> None:
+    def _advance_physics(self, x: float, y: float, yaw: float) -> None:
         """Advance the physics by one control step, in the scene if a contact with it is possible."""
         lean = 2.0 * math.hypot(self._base_qpos[4], self._base_qpos[5])  # sine of the tilt, or more
-        if clearance > SAFE_DISTANCE + lean * self.body.height:
+        poses = self._movers.part_poses
+        if self._proximity.is_beyond(SAFE_DISTANCE + lean * self.body.height, x, y, yaw, poses):
             self._physics.step_alone(self._substeps)
             return
-        touched = self._physics.step_in_scene(self._substeps, self._movers.part_poses)
+        touched = self._physics.step_in_scene(self._substeps, poses)
         if self.contact is None and touched is not None:
             self.contact_name, self.contact = touched
 

@@ -41,6 +41,17 @@ def test_the_nearest_of_static_and_moving_counts():
     assert clearance([], 0.0, 0.0, 0.0) == math.inf
 
 
+def test_beyond_a_limit_is_a_clearance_of_at_least_the_limit():
+    wall, part = Box(3.0, 0.0, 2.0, 8.0, 0.0, 1.0), Cylinder(0.0, 0.0, 0.25, 1.0)
+    footprint = FootprintClearance(pack_shapes([wall]), pack_shapes([part]), SQUARE, 1.0)
+    for part_x, away in ((-1.0, 0.25), (-9.0, 1.5)):
+        pose = 0.0, 0.0, 0.0, np.array([(part_x, 0.0, 0.0)])
+        assert footprint.is_beyond(away - 1e-9, *pose)
+        assert not footprint.is_beyond(away + 1e-9, *pose)
+    nothing = FootprintClearance(pack_shapes([]), pack_shapes([]), SQUARE, 1.0)
+    assert nothing.is_beyond(math.inf, 0.0, 0.0, 0.0, NO_POSES)
+
+
 def test_agrees_with_dense_sampling_of_both_outlines():
     rng = np.random.default_rng(0)
     along = np.linspace(0.0, 1.0, 150)[:, None]
