@@ -2,8 +2,10 @@
 
 import math
 from enum import Enum, auto
+from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from robots.locomotion.kernels import (
     ACTION_SIZE,
@@ -17,7 +19,7 @@ from robots.locomotion.kernels import (
     trot_angles,
 )
 from robots.locomotion.model import QuadrupedModel
-from robots.locomotion.network import BadObservation, PolicyNetwork
+from robots.locomotion.network import BadObservation, PolicyNetwork, forward, refuse_bad
 from robots.locomotion.odometry import VELOCITY_GAIN
 from vuca_nav.types import FloatArray, VelocityCommand
 
@@ -45,6 +47,62 @@ class Mode(Enum):
     """The joints give way, damped; only a reset leads out."""
 
 
+class GaitState(NamedTuple):
+    """What one gait remembers from a control step to the next, as its kernels take it; changed in place."""
+
+    wanted: FloatArray
+    """Velocity command (3,) [m/s, m/s, rad/s]."""
+    command: FloatArray
+    """The same behind the slew limit (3,)."""
+    clock: FloatArray
+    """Phase and how far stepping has faded in, 0-1 (2,)."""
+    trim: FloatArray
+    """Integral of what is missing of the command (3,)."""
+    asked: FloatArray
+    """Command plus trim (3,)."""
+    lifts: FloatArray
+    """How much higher than in the nominal trot each foot is (4,) [m]."""
+    action: FloatArray
+    """The policy's last (ACTION_SIZE,)."""
+    targets: FloatArray
+    """Of the joints (ACTION_SIZE,) [rad]."""
+    last_targets: FloatArray
+    """Those of the control step before (ACTION_SIZE,) [rad]."""
+    velocity: FloatArray
+    """Estimate of the body's velocity, forward and left (2,) [m/s]."""
+    leg_velocity: FloatArray
+    """What the standing legs say of it now, unfiltered (2,) [m/s]."""
+    observation: FloatArray
+    """Of the policy (OBSERVATION_SIZE,)."""
+
+
+@njit(cache=True)
+def _estimate(legs, tuning, gyro, up, q, dq, state):
+    """Update the velocity estimate from one sample; share of the weight that says so, -1 if a number is not finite."""
+    for values in (gyro, up, q, dq):
+        for value in values:
+            if not math.isfinite(value):
+                return -1.0
+    worth = leg_velocity(legs, tuning, gyro, up, q, dq, state.targets, state.last_targets, state.leg_velocity)
+    for i in range(2):
+        state.velocity[i] += VELOCITY_GAIN * worth * (state.leg_velocity[i] - state.velocity[i])
+    return worth
+
+
+@njit(cache=True)
+def _walk(legs, tuning, gyro, up, q, dq, yaw_rate, state, layers):
+    """Set the joints' targets of one control step of walking; -1, or what ``forward`` says of a bad number."""
+    advance_clock(tuning, state.wanted, state.command, state.clock)
+    advance_trim(tuning, state.command, state.clock, state.velocity, yaw_rate, state.trim, state.asked)
+    fill_observation(
+        tuning, gyro, up, state.asked, q, dq, state.action, state.clock, state.velocity, state.observation
+    )  # fmt: skip
+    bad = forward(state.observation, state.action, layers)
+    if bad < 0:
+        joint_targets(legs, tuning, state.asked, state.clock, state.lifts, state.action, state.targets)
+    return bad
+
+
 class Gait:
     """One robot's gait. Sensors in, joint targets out; borrowed arrays throughout, nothing is allocated.
 
@@ -55,6 +113,7 @@ class Gait:
 
     Attributes:
         mode: What the legs are doing.
+        state: What it remembers from a control step to the next.
         velocity: Estimate of the body's velocity, forward and left (2,) [m/s].
         leg_velocity: What the standing legs say of it now, unfiltered (2,) [m/s].
         worth: How much of the weight says so, 0-1.
@@ -63,24 +122,23 @@ class Gait:
     def __init__(self, model: QuadrupedModel, policy: PolicyNetwork, control_dt: float):
         self._legs, self._tuning, self._policy = model.legs, model.tuning(control_dt), policy
         self._folded = np.tile(model.config.lying, 4)
-        self._start = np.zeros(ACTION_SIZE)
-        self._action, self._targets, self._last_targets = (np.zeros(ACTION_SIZE) for _ in range(3))
-        self._command, self._wanted, self._clock = np.zeros(3), np.zeros(3), np.zeros(2)
-        self._trim, self._asked = np.zeros(3), np.zeros(3)
-        self._tilt, self._lifts, self._standing = np.zeros(2), np.zeros(4), np.zeros(ACTION_SIZE)
-        self._observation = np.zeros(OBSERVATION_SIZE)
-        self.velocity, self.leg_velocity = np.zeros(2), np.zeros(2)
+        self._start, self._standing, self._tilt = np.zeros(ACTION_SIZE), np.zeros(ACTION_SIZE), np.zeros(2)
+        self.state = GaitState(
+            wanted=np.zeros(3), command=np.zeros(3), clock=np.zeros(2), trim=np.zeros(3), asked=np.zeros(3),
+            lifts=np.zeros(4), action=np.zeros(ACTION_SIZE), targets=np.zeros(ACTION_SIZE),
+            last_targets=np.zeros(ACTION_SIZE), velocity=np.zeros(2), leg_velocity=np.zeros(2),
+            observation=np.zeros(OBSERVATION_SIZE),
+        )  # fmt: skip
+        self.velocity, self.leg_velocity = self.state.velocity, self.state.leg_velocity
         self.worth = 0.0
         self.mode, self._time, self._low_ticks = Mode.STARTING, 0.0, 0
 
     def reset(self, q: FloatArray) -> None:
         """Begin with the start-up, from joint angles (12,) [rad]."""
-        self._start[:] = q
-        self._targets[:] = q
-        self._last_targets[:] = q
-        for array in (self._action, self._command, self._clock, self._trim, self._tilt, self._lifts):
+        for array in (*self.state, self._tilt):
             array[:] = 0.0
-        self.velocity[:], self.leg_velocity[:] = 0.0, 0.0
+        for array in (self._start, self.state.targets, self.state.last_targets):
+            array[:] = q
         self.mode, self._time, self._low_ticks, self.worth = Mode.STARTING, 0.0, 0, 0.0
 
     def measure(self, gyro: FloatArray, up: FloatArray, q: FloatArray, dq: FloatArray) -> None:
@@ -88,19 +146,17 @@ class Gait:
 
         Args:
             gyro: Angular velocity in base_link (3,) [rad/s].
-            up: The vertical in base_link (3,), from the attitude.
+            up: The vertical in base_link (3,).
             q: Joint angles (12,) [rad].
             dq: Joint speeds (12,) [rad/s].
 
         Raises:
             BadObservation: If a number is not finite.
         """
-        if not math.isfinite(gyro.sum() + up.sum() + q.sum() + dq.sum()):
+        worth = _estimate(self._legs, self._tuning, gyro, up, q, dq, self.state)
+        if worth < 0.0:
             raise BadObservation(f"gait measurement is not finite: gyro {gyro}, up {up}, angles {q}, speeds {dq}")
-        self.worth = leg_velocity(
-            self._legs, self._tuning, gyro, up, q, dq, self._targets, self._last_targets, self.leg_velocity
-        )
-        self.velocity += VELOCITY_GAIN * self.worth * (self.leg_velocity - self.velocity)
+        self.worth = worth
         self._low_ticks = self._low_ticks + 1 if up[2] < FALLEN_UP else 0
         if self._low_ticks >= FALLEN_TICKS:
             self.mode = Mode.FALLEN
@@ -115,36 +171,30 @@ class Gait:
         """
         if not (math.isfinite(command[0]) and math.isfinite(command[1]) and math.isfinite(command[2])):
             raise BadObservation(f"velocity command is not finite: {tuple(command)}")
-        self._last_targets[:] = self._targets
+        state = self.state
+        state.last_targets[:] = state.targets
         if self.mode is Mode.FALLEN:
-            self._targets[:] = q
+            state.targets[:] = q
         elif self.mode is Mode.STARTING:
             self._rise(up)
         else:
-            self._wanted[:] = command
-            advance_clock(self._tuning, self._wanted, self._command, self._clock)
+            state.wanted[:] = command
             yaw_rate = float(gyro @ up)
-            advance_trim(self._tuning, self._command, self._clock, self.velocity, yaw_rate, self._trim, self._asked)
-            fill_observation(
-                self._tuning, gyro, up, self._asked, q, dq, self._action, self._clock, self.velocity,
-                self._observation,
-            )  # fmt: skip
-            self._policy(self._observation, self._action)
-            joint_targets(
-                self._legs, self._tuning, self._asked, self._clock, self._lifts, self._action, self._targets
-            )  # fmt: skip
-        return self._targets
+            bad = _walk(self._legs, self._tuning, gyro, up, q, dq, yaw_rate, state, self._policy.layers)
+            refuse_bad(bad, state.observation)
+        return state.targets
 
     def _rise(self, up: FloatArray) -> None:
-        """From where the legs are to folded, from folded to standing level, each along a cosine."""
+        """Bring the legs from where they are to folded, and from folded to standing level, each along a cosine."""
         self._time += self._tuning.dt
+        state = self.state
         if self._time < FOLD_TIME:
-            _blend(self._start, self._folded, self._time / FOLD_TIME, self._targets)
+            _blend(self._start, self._folded, self._time / FOLD_TIME, state.targets)
         else:
             # Legs of one length would tip over on a slope: the lower ones, under more weight, give way the more.
-            level_trunk(self._legs, self._tuning, up, self._tilt, self._lifts)
-            trot_angles(self._legs, self._tuning, self._command, self._clock, self._lifts, self._standing)
-            _blend(self._folded, self._standing, (self._time - FOLD_TIME) / RISE_TIME, self._targets)
+            level_trunk(self._legs, self._tuning, up, self._tilt, state.lifts)
+            trot_angles(self._legs, self._tuning, state.command, state.clock, state.lifts, self._standing)
+            _blend(self._folded, self._standing, (self._time - FOLD_TIME) / RISE_TIME, state.targets)
         if self._time >= START_UP_TIME:
             self.mode = Mode.WALKING
 

@@ -4,6 +4,7 @@ import json
 import math
 from dataclasses import asdict
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -27,7 +28,7 @@ FORMAT = "vuca-gait-1"
 WEIGHTS_FOLDER = Path(__file__).parent / "weights"
 LAYERS = 3
 CLIP = 10.0
-"""Of the normalised observation."""
+"""Bound of the normalised observation, as in its training (train/locomotion)."""
 
 
 class BadObservation(VucaError):
@@ -47,11 +48,40 @@ def gait_contract(config: QuadrupedConfig) -> str:
     return json.dumps(gait, sort_keys=True)
 
 
+class Layers(NamedTuple):
+    """A policy's tensors with the memory for one evaluation, all of float32, as the kernels take them."""
+
+    mean: NDArray[np.float32]
+    """Subtracted from the observation (OBSERVATION_SIZE,)."""
+    scale: NDArray[np.float32]
+    """Multiplied with what remains (OBSERVATION_SIZE,)."""
+    weights_0: NDArray[np.float32]
+    """First hidden layer (inputs, outputs)."""
+    weights_1: NDArray[np.float32]
+    """Second hidden layer (inputs, outputs)."""
+    weights_2: NDArray[np.float32]
+    """Output layer (inputs, outputs)."""
+    bias_0: NDArray[np.float32]
+    bias_1: NDArray[np.float32]
+    bias_2: NDArray[np.float32]
+    inputs: NDArray[np.float32]
+    """Scratch: the normalised observation (OBSERVATION_SIZE,)."""
+    hidden_0: NDArray[np.float32]
+    """Scratch."""
+    hidden_1: NDArray[np.float32]
+    """Scratch."""
+    outputs: NDArray[np.float32]
+    """Scratch (ACTION_SIZE,)."""
+
+
 class PolicyNetwork:
     """Two hidden ELU layers on a normalised observation.
 
     Args:
         tensors: ``mean``, ``scale`` (inputs,), then ``weight_k`` (outputs, inputs) and ``bias_k`` for k = 0, 1, 2.
+
+    Attributes:
+        layers: The same, for :func:`forward`.
     """
 
     def __init__(self, tensors: dict[str, NDArray[np.float32]]):
@@ -59,7 +89,7 @@ class PolicyNetwork:
         weights = [np.ascontiguousarray(tensors[f"weight_{k}"].T) for k in range(LAYERS)]
         biases = [tensors[f"bias_{k}"] for k in range(LAYERS)]
         scratch = [np.empty(size, np.float32) for size in (OBSERVATION_SIZE, *map(len, biases))]
-        self._arrays = (tensors["mean"], tensors["scale"], *weights, *biases, *scratch)
+        self.layers = Layers(tensors["mean"], tensors["scale"], *weights, *biases, *scratch)
 
     def __call__(self, observation: NDArray[np.float64], action: NDArray[np.float64]) -> None:
         """The policy's mean action for an observation (OBSERVATION_SIZE,), into ``action`` (ACTION_SIZE,).
@@ -67,13 +97,17 @@ class PolicyNetwork:
         Raises:
             BadObservation: If a number is not finite, or what comes of it is not; says which. The action is left alone.
         """
-        bad = _forward(observation, action, *self._arrays)
-        if bad >= OBSERVATION_SIZE:
-            raise BadObservation(f"gait action {bad - OBSERVATION_SIZE} of {ACTION_SIZE} is not finite")
-        if bad >= 0:
-            raise BadObservation(
-                f"gait observation {bad} of {OBSERVATION_SIZE} is {observation[bad]}: expected a number"
-            )
+        refuse_bad(forward(observation, action, self.layers), observation)
+
+
+def refuse_bad(index: int, observation: NDArray[np.float64]) -> None:
+    """Raise BadObservation for an index that :func:`forward` returned; -1 is none."""
+    if index >= OBSERVATION_SIZE:
+        raise BadObservation(f"gait action {index - OBSERVATION_SIZE} of {ACTION_SIZE} is not finite")
+    if index >= 0:
+        raise BadObservation(
+            f"gait observation {index} of {OBSERVATION_SIZE} is {observation[index]}: expected a number"
+        )
 
 
 def load_policy(config: QuadrupedConfig, path: Path | None = None) -> PolicyNetwork:
@@ -116,23 +150,33 @@ def _shapes(path: Path, tensors: dict[str, np.ndarray]) -> dict[str, tuple[int, 
 
 
 @njit(cache=True)
-def _forward(observation, action, mean, scale, w0, w1, w2, b0, b1, b2, x, h0, h1, h2):
-    """Returns the index of an input that is not finite, or behind those of an output, -1 if there is none."""
+def forward(observation, action, layers):
+    """Evaluate the policy.
+
+    Args:
+        observation: (OBSERVATION_SIZE,).
+        action: Output (ACTION_SIZE,); left alone if a number is not finite.
+        layers: A :class:`Layers`.
+
+    Returns:
+        Index of an input that is not finite; OBSERVATION_SIZE plus the index of an output that is not; else -1.
+    """
+    x, out = layers.inputs, layers.outputs
     for i in range(len(observation)):
         if not math.isfinite(observation[i]):
             return i
-        value = (np.float32(observation[i]) - mean[i]) * scale[i]
+        value = (np.float32(observation[i]) - layers.mean[i]) * layers.scale[i]
         x[i] = min(max(value, np.float32(-CLIP)), np.float32(CLIP))
-    _layer(x, w0, b0, h0)
-    _elu(h0)
-    _layer(h0, w1, b1, h1)
-    _elu(h1)
-    _layer(h1, w2, b2, h2)
-    for i in range(len(h2)):
-        if not math.isfinite(h2[i]):
+    _layer(x, layers.weights_0, layers.bias_0, layers.hidden_0)
+    _elu(layers.hidden_0)
+    _layer(layers.hidden_0, layers.weights_1, layers.bias_1, layers.hidden_1)
+    _elu(layers.hidden_1)
+    _layer(layers.hidden_1, layers.weights_2, layers.bias_2, out)
+    for i in range(len(out)):
+        if not math.isfinite(out[i]):
             return len(observation) + i
-    for i in range(len(h2)):
-        action[i] = h2[i]
+    for i in range(len(out)):
+        action[i] = out[i]
     return -1
 
 

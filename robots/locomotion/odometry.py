@@ -1,8 +1,10 @@
 """Dead reckoning of a walking robot: distance from its standing legs, heading from the gyro."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from robots.bodies.kinematics import heading_rate
 from robots.noise import NoiseConfig
@@ -15,6 +17,38 @@ _BLOCK = 64
 """Samples whose noise is drawn at once."""
 _NUM_NORMAL = 29
 """Gyro 3, tilt 2, joint angles 12, joint speeds 12."""
+
+
+class SensorFlaws(NamedTuple):
+    """The errors of an episode, and the sizes of those of a sample."""
+
+    gyro_scale: FloatArray
+    """(3,)"""
+    gyro_bias: FloatArray
+    """(3,) [rad/s]"""
+    gyro_sigma: float
+    """[rad/s]"""
+    pitch: float
+    """[rad]"""
+    roll: float
+    """[rad]"""
+    tilt_noise: float
+    """[rad]"""
+    zeros: FloatArray
+    """Of the joints (12,) [rad]."""
+    angle_noise: float
+    """[rad]"""
+    speed_noise: float
+    """[rad/s]"""
+
+
+class SensorReadings(NamedTuple):
+    """What the sensors report."""
+
+    gyro: FloatArray
+    up: FloatArray
+    q: FloatArray
+    dq: FloatArray
 
 
 class LegSensors:
@@ -30,17 +64,21 @@ class LegSensors:
         up: The vertical in base_link (3,).
         q: Joint angles (12,) [rad].
         dq: Joint speeds (12,) [rad/s].
+        flaws: The errors of this episode.
     """
 
     def __init__(self, noise: NoiseConfig, rng: np.random.Generator, dt: float):
-        self._noise, self._rng = noise, rng
-        self._gyro_scale = 1.0 + noise.gyro_scale_sigma * rng.standard_normal(3)
-        self._gyro_bias = noise.gyro_bias_sigma * rng.standard_normal(3)
-        self._gyro_sigma = noise.gyro_noise_density / math.sqrt(2.0 * dt)
-        self._tilt = noise.tilt_sigma * rng.standard_normal(2)
-        self._zeros = noise.joint_zero_sigma * rng.standard_normal(12)
+        self._rng = rng
+        gyro_scale = 1.0 + noise.gyro_scale_sigma * rng.standard_normal(3)
+        gyro_bias = noise.gyro_bias_sigma * rng.standard_normal(3)
+        pitch, roll = (noise.tilt_sigma * rng.standard_normal(2)).tolist()
+        self.flaws = SensorFlaws(
+            gyro_scale, gyro_bias, noise.gyro_noise_density / math.sqrt(2.0 * dt), pitch, roll, noise.tilt_noise,
+            noise.joint_zero_sigma * rng.standard_normal(12), noise.joint_angle_noise, noise.joint_speed_noise,
+        )  # fmt: skip
         self.gyro, self.up = np.zeros(3), np.zeros(3)
         self.q, self.dq = np.zeros(12), np.zeros(12)
+        self._readings = SensorReadings(self.gyro, self.up, self.q, self.dq)
         self._normal, self._next = np.empty((_BLOCK, _NUM_NORMAL)), _BLOCK
 
     def sample(self, gyro: FloatArray, attitude: FloatArray, q: FloatArray, dq: FloatArray) -> None:
@@ -55,24 +93,26 @@ class LegSensors:
         if self._next == _BLOCK:
             self._rng.standard_normal(out=self._normal)
             self._next = 0
-        noise, n = self._noise, self._normal[self._next]
+        _sample(gyro, attitude, q, dq, self._normal[self._next], self.flaws, self._readings)
         self._next += 1
-        np.multiply(gyro, self._gyro_scale, out=self.gyro)
-        self.gyro += self._gyro_bias + self._gyro_sigma * n[:3]
-        w, x, y, z = attitude.tolist()
-        up_x, up_y = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x)
-        up_z = 1.0 - 2.0 * (x * x + y * y)
-        # A small wrong pitch and roll turn the vertical about y and x.
-        pitch = self._tilt[0] + noise.tilt_noise * n[3]
-        roll = self._tilt[1] + noise.tilt_noise * n[4]
-        up = self.up
-        up[0], up[1], up[2] = up_x - pitch * up_z, up_y + roll * up_z, up_z + pitch * up_x - roll * up_y
-        up /= math.sqrt(up @ up)
-        np.multiply(n[5:17], noise.joint_angle_noise, out=self.q)
-        self.q += q
-        self.q += self._zeros
-        np.multiply(n[17:29], noise.joint_speed_noise, out=self.dq)
-        self.dq += dq
+        self.up /= math.sqrt(self.up @ self.up)
+
+
+@njit(cache=True)
+def _sample(gyro, attitude, q, dq, normal, flaws, readings):
+    """Corrupt one sample; the vertical is left to be normalised."""
+    for i in range(3):
+        readings.gyro[i] = gyro[i] * flaws.gyro_scale[i] + (flaws.gyro_bias[i] + flaws.gyro_sigma * normal[i])
+    w, x, y, z = attitude[0], attitude[1], attitude[2], attitude[3]
+    up_x, up_y = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x)
+    up_z = 1.0 - 2.0 * (x * x + y * y)
+    # A small wrong pitch and roll turn the vertical about y and x.
+    pitch, roll = flaws.pitch + flaws.tilt_noise * normal[3], flaws.roll + flaws.tilt_noise * normal[4]
+    up = readings.up
+    up[0], up[1], up[2] = up_x - pitch * up_z, up_y + roll * up_z, up_z + pitch * up_x - roll * up_y
+    for j in range(12):
+        readings.q[j] = normal[5 + j] * flaws.angle_noise + q[j] + flaws.zeros[j]
+        readings.dq[j] = normal[17 + j] * flaws.speed_noise + dq[j]
 
 
 class LegOdometer:

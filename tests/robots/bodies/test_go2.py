@@ -165,7 +165,7 @@ def test_a_command_that_is_not_finite_is_refused_in_every_mode(go2, mode):
     gait.mode = mode
     with pytest.raises(BadObservation, match=r"command is not finite: .*nan"):
         gait.step(VelocityCommand(0.1, math.nan, 0.0), np.zeros(3), up, q, zeros)
-    assert gait._wanted.tolist() == [0.3, 0.0, 0.0]
+    assert gait.state.wanted.tolist() == [0.3, 0.0, 0.0]
 
 
 def test_same_seed_same_bits(go2):

@@ -158,8 +158,9 @@ def test_training_measures_with_the_simulations_noise():
         step = environment.step(zeros)
     state, errors = environment.batch.state[0], environment.batch.sensor_errors[0]
     sensors = LegSensors(config, np.random.default_rng(0), 1.0 / 60.0)
-    sensors._gyro_scale, sensors._gyro_bias = 1.0 + errors[:3], errors[3:6]
-    sensors._tilt, sensors._zeros = errors[6:8], errors[8:]
+    sensors.flaws = sensors.flaws._replace(
+        gyro_scale=1.0 + errors[:3], gyro_bias=errors[3:6], pitch=errors[6], roll=errors[7], zeros=errors[8:]
+    )
     sensors.sample(state[23:26], state[4:8], state[8:20], state[26:38])
     assert step.observation[0, :3] == pytest.approx(GYRO_SCALE * sensors.gyro, abs=1e-6)
     assert step.observation[0, 3:6] == pytest.approx(sensors.up, abs=1e-6)
