@@ -24,8 +24,9 @@ class UnknownName(VucaError):
 
     def __init__(self, kind: str, name: str, available: Iterable[str]):
         names = sorted(available)
-        close = get_close_matches(name, names, n=1)
-        hint = f"; did you mean {close[0]!r}?" if close else ""
+        by_lower_case = {available.lower(): available for available in reversed(names)}
+        close = get_close_matches(name.lower(), by_lower_case, n=1)
+        hint = f"; did you mean {by_lower_case[close[0]]!r}?" if close else ""
         super().__init__(f"unknown {kind} {name!r}{hint} (available: {', '.join(names)})")
         self.kind, self.name, self.available = kind, name, tuple(names)
 
