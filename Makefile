@@ -8,7 +8,7 @@ BIN := $(VENV)/bin
 RAY_VENV ?= .venv-ray
 RUNS ?= runs
 ROBOT ?= tiago
-METHOD ?= ours
+METHOD ?= ours-dh
 WORKERS ?= 2
 # A mission in which both bodies arrive; many with moving obstacles do not yet (docs/experiments.md).
 DEMO_REGION ?= 1

@@ -2,57 +2,69 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 
 
+def _optional(metavar: str) -> Any:
+    """An argument that may be left out: it is shown without a default of None."""
+    return tyro.conf.arg(metavar=metavar, help_behavior_hint="")
+
+
 @dataclass(frozen=True)
 class SceneArguments:
-    """Where an episode is, and what it asks for."""
+    """The place and the task of an episode."""
 
     world: str = "factory"
     """A world's name (see vuca list worlds), or a scene file ending in .yaml."""
-    region: Annotated[int | None, tyro.conf.arg(metavar="K")] = None
+    region: Annotated[int | None, _optional("K")] = None
     """How many quarters of the factory, 1 to 4."""
     seed: int = 0
-    """Of the world, its moving obstacles and the sensors' noise."""
+    """Seed of the world, its moving obstacles and the sensors' noise."""
     without: str = ""
     """Difficulties left out: V moving obstacles, U the map unknown, C corridors, A noise of the sensors."""
-    movers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    movers: Annotated[int | None, _optional("N")] = None
     """How many moving obstacles, in the worlds that let one choose."""
-    start: Annotated[tuple[float, float, float] | None, tyro.conf.arg(metavar="X Y YAW")] = None
+    start: Annotated[tuple[float, float, float] | None, _optional("X Y YAW")] = None
     """Start here instead [m, m, rad]."""
-    goal: Annotated[tuple[float, float] | None, tyro.conf.arg(metavar="X Y")] = None
+    goal: Annotated[tuple[float, float] | None, _optional("X Y")] = None
     """Go there instead [m]."""
 
 
 @dataclass(frozen=True)
 class DriverArguments:
-    """What drives, and by what."""
+    """The robot, the method that drives it, and what is changed of the method."""
 
     robot: str = "tiago"
     """A robot's name (see vuca list robots)."""
-    method: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
-    """A method's name (see vuca list methods); by default the best there is."""
-    policy: Annotated[Path | None, tyro.conf.arg(metavar="FILE.safetensors")] = None
-    """Drive by these weights instead of the method's own."""
-    gamma: Annotated[float | None, tyro.conf.arg(metavar="G")] = None
-    """How much longer a way may be if that surely spares meeting somebody [m], for a method that has V^h."""
-    safety: Annotated[Path | None, tyro.conf.arg(metavar="FILE.safetensors")] = None
-    """Rate the ways by this critic instead of the shipped one, for a method that has V^h (see vuca train critic)."""
+    method: Annotated[str | None, _optional("NAME")] = None
+    """A method's name; vuca list methods shows them and which one is the default."""
+    policy: Annotated[Path | None, _optional("FILE.safetensors")] = None
+    """Drive by these weights instead of the method's own, as vuca train makes them."""
+    gate: Annotated[Literal["uniform"] | None, _optional("uniform")] = None
+    """Give every expert the same share, instead of what the trained gate decides; for a fused policy."""
+    without_expert: Annotated[int | None, _optional("N")] = None
+    """Leave expert N out (1 to 4, as in the paper); the others share what it had; for a fused policy."""
+    no_shield: bool = False
+    """Let the policy's commands through as they are; for a method with a shield."""
+    critic: Annotated[Path | None, _optional("FILE.safetensors")] = None
+    """Rate exploration's candidates by this critic instead of the shipped one; for a method with V^h (see vuca train
+    critic)."""
+    gamma: Annotated[float | None, _optional("G")] = None
+    """Weight of V^h: extra way [m] that is worth it if it surely spares meeting somebody; for a method with V^h."""
 
 
 @dataclass(frozen=True)
 class EpisodeArguments(DriverArguments, SceneArguments):
-    """All that an episode depends on."""
+    """Everything that an episode depends on."""
 
 
 @dataclass(frozen=True)
 class RunArguments(EpisodeArguments):
     """Run one episode: a robot, a world it has no map of, a goal."""
 
-    record: Annotated[Path | None, tyro.conf.arg(metavar="FILE.rrd")] = None
+    record: Annotated[Path | None, _optional("FILE.rrd")] = None
     """Record the run for the Rerun viewer."""
     spawn: bool = False
     """Show the run in a Rerun viewer as it happens."""
@@ -80,11 +92,11 @@ class EvalArguments(DriverArguments):
     """A suite's name (see vuca list suites)."""
     out: Path
     """Directory of the results."""
-    episodes: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    episodes: Annotated[int | None, _optional("N")] = None
     """Only the first N episodes."""
-    seeds: Annotated[str | None, tyro.conf.arg(metavar="A:B")] = None
+    seeds: Annotated[str | None, _optional("A:B")] = None
     """The seeds A to B - 1 instead of the suite's own."""
-    workers: Annotated[int | None, tyro.conf.arg(metavar="W")] = None
+    workers: Annotated[int | None, _optional("W")] = None
     """Number of processes; by default one for each core."""
     json: bool = False
     """End with one JSON object on stdout, the summary."""
@@ -98,12 +110,12 @@ class HeatmapArguments(EpisodeArguments):
     """The picture, a PNG file."""
     at: float = 20.0
     """Moment of the run [s]; if it is over earlier, its last one."""
-    method: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
-    """A method with V^h (see vuca list methods): it drives, and its critic is asked; by default the best there is."""
+    method: Annotated[str | None, _optional("NAME")] = None
+    """A method with V^h (see vuca list methods): it drives, and its critic is asked; by default ours."""
     half_side: float = 8.0
-    """Of the square that is drawn [m]."""
+    """Half the side of the square that is drawn [m]."""
     resolution: float = 0.1
-    """Between two places asked about [m]."""
+    """Distance between two places asked about [m]."""
     json: bool = False
     """End with one JSON object on stdout."""
 

@@ -6,7 +6,6 @@ import json
 import os
 import sys
 from dataclasses import asdict, fields
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from eval.arguments import (
@@ -17,12 +16,14 @@ from eval.arguments import (
     HeatmapArguments,
     ListArguments,
     RunArguments,
+    SceneArguments,
 )
 from vuca_nav.cli import parse
 from vuca_nav.errors import BadArgument
 
 if TYPE_CHECKING:
     from eval.episode import EpisodeConfig
+    from eval.methods import MethodOptions
     from vuca_nav.telemetry.rerun.recorder import RerunTelemetry
 
 
@@ -32,11 +33,13 @@ def run(argv: list[str]) -> int:
     if sum((arguments.record is not None, arguments.spawn, arguments.serve)) > 1:
         raise BadArgument("--record, --spawn and --serve exclude each other; give one of them")
     from eval.episode import Episode
+    from eval.methods import BEST, title_of
     from eval.progress import ProgressLine, result_table
 
-    config = _episode(arguments)
+    config = _episode(arguments, BEST)
     episode = Episode(config)
-    telemetry = _open_telemetry(arguments, f"{config.world}, {config.robot}, {config.method}, seed {config.seed}")
+    method = title_of(config.method, config.options.given())
+    telemetry = _open_telemetry(arguments, f"{config.world}, {config.robot}, {method}, seed {config.seed}")
     try:
         with ProgressLine(sys.stderr) as progress:
             result = episode.run(telemetry, progress)
@@ -69,22 +72,22 @@ def eval_(argv: list[str]) -> int:
         raise BadArgument(f"--workers must be 1 or more, got {arguments.workers}")
     from eval.analysis.summary import table
     from eval.evaluate import evaluate
-    from eval.methods import identity_of
+    from eval.methods import BEST, identity_of, resolve
     from eval.suites import episodes_of, find_suite, parse_seeds
 
     suite = find_suite(arguments.suite)
     seeds = suite.seeds if arguments.seeds is None else parse_seeds(arguments.seeds)
-    driver = _chosen(arguments, DriverArguments)
-    robot = driver.pop("robot")
-    configs = episodes_of(suite, robot=robot, seeds=seeds, limit=arguments.episodes, **driver)
+    robot, method, options = arguments.robot, arguments.method or BEST, _options(arguments)
+    configs = episodes_of(suite, robot=robot, method=method, seeds=seeds, limit=arguments.episodes, options=options)
     identity = {
         "suite": arguments.suite,
         "robot": robot,
-        "method": driver["method"],
+        "method": method,
+        "options": options.given(),
+        "configuration": identity_of(resolve(method, options)),
         "seeds": [seeds.start, seeds.stop],
         "episodes": len(configs),
         "tasks": [asdict(task) for task in suite.tasks],
-        **identity_of(**driver),
     }
     workers = arguments.workers or len(os.sched_getaffinity(0))
     evaluation = evaluate(identity, configs, arguments.out, workers=workers)
@@ -100,10 +103,11 @@ def heatmap(argv: list[str]) -> int:
     """Draw what the critic makes of every place around the robot as a goal."""
     arguments = parse(HeatmapArguments, "heatmap", argv)
     from eval.analysis.heatmap import check_writable, draw, view_at
+    from eval.methods import BEST_WITH_CRITIC
     from eval.progress import ProgressLine
 
     check_writable(arguments.out)
-    config = _episode(arguments)
+    config = _episode(arguments, BEST_WITH_CRITIC)
     with ProgressLine(sys.stderr) as progress:
         view = view_at(config, arguments.at, arguments.half_side, arguments.resolution, progress)
     draw(view, arguments.out)
@@ -134,20 +138,32 @@ def _open_telemetry(arguments: RunArguments, title: str) -> RerunTelemetry | Non
     return RerunTelemetry.spawn(title=title) if arguments.spawn else RerunTelemetry.serve(title=title)
 
 
-def _episode(arguments: EpisodeArguments) -> EpisodeConfig:
-    """The episode that is asked for."""
+def _episode(arguments: EpisodeArguments, default: str) -> EpisodeConfig:
+    """The episode that is asked for.
+
+    Args:
+        arguments: Of the command.
+        default: Method that runs where none is named.
+    """
     from eval.episode import EpisodeConfig
 
-    return EpisodeConfig(**_chosen(arguments, EpisodeArguments))
+    scene = {field.name: getattr(arguments, field.name) for field in fields(SceneArguments)}
+    method = arguments.method or default
+    return EpisodeConfig(**scene, robot=arguments.robot, method=method, options=_options(arguments))
 
 
-def _chosen(arguments: DriverArguments, kind: type[DriverArguments]) -> dict[str, Any]:
-    """The arguments of that kind as an episode has them: paths as text, the best method if none is named."""
-    from eval.methods import BEST
+def _options(arguments: DriverArguments) -> MethodOptions:
+    """What is changed of the method."""
+    from eval.methods import MethodOptions
 
-    values = {field.name: getattr(arguments, field.name) for field in fields(kind)}
-    chosen = {name: str(value) if isinstance(value, Path) else value for name, value in values.items()}
-    return chosen | {"method": arguments.method or BEST}
+    return MethodOptions(
+        policy=None if arguments.policy is None else str(arguments.policy),
+        gate=arguments.gate,
+        without_expert=arguments.without_expert,
+        no_shield=arguments.no_shield,
+        critic=None if arguments.critic is None else str(arguments.critic),
+        gamma=arguments.gamma,
+    )
 
 
 def _names(what: str) -> dict[str, str]:
@@ -160,9 +176,11 @@ def _names(what: str) -> dict[str, str]:
 
         return {name: _first_line(maker) for name, maker in ROBOTS.items()}
     if what == "methods":
-        from eval.methods import METHODS
+        from eval.methods import BEST, METHODS
 
-        return {name: method.description for name, method in METHODS.items()}
+        return {
+            name: method.description + (" (the default)" if name == BEST else "") for name, method in METHODS.items()
+        }
     from eval.suites import SUITES
 
     return {name: suite.description for name, suite in SUITES.items()}

@@ -8,10 +8,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from eval.methods import BEST, Method, StackRequest, find_method
+from eval.methods import BEST, UNCHANGED, MethodOptions, build, resolve
 from eval.metrics import Metrics, MetricsRecorder
 from eval.prior_map import rasterise
-from robots.bodies.body import Body
 from robots.noise import NoiseConfig
 from robots.registry import make_body
 from robots.simulation import Simulation
@@ -38,9 +37,11 @@ class EpisodeConfig:
     world: str = "factory"
     """A world's name, or a scene file ending in .yaml."""
     region: int | None = None
-    """Of the factory."""
+    """Number of quarters of the factory."""
     robot: str = "tiago"
+    """A robot's name."""
     method: str = BEST
+    """A method's name."""
     seed: int = 0
     """Of the world's layout, of its movers and of the sensors' noise."""
     without: str = ""
@@ -51,19 +52,13 @@ class EpisodeConfig:
     """Instead of the world's own: x [m], y [m], yaw [rad]."""
     goal: tuple[float, float] | None = None
     """Instead of the world's own [m]."""
-    policy: str | None = None
-    """Weights file of the local policy instead of the method's own."""
-    gamma: float | None = None
-    """Weight of the safety term instead of the method's own."""
-    safety: str | None = None
-    """Weights file of the critic of V^h instead of the shipped one."""
+    options: MethodOptions = UNCHANGED
+    """Changes to the method."""
 
     def __post_init__(self) -> None:
-        """Raises BadArgument for a negative seed or gamma, an unknown difficulty, a start or goal not finite."""
+        """Raises BadArgument for a negative seed, an unknown difficulty, a start or goal that is not finite."""
         if self.seed < 0:
             raise BadArgument(f"the seed must be 0 or more, got {self.seed}")
-        if self.gamma is not None and not 0.0 <= self.gamma < math.inf:
-            raise BadArgument(f"--gamma must be 0 or more, got {self.gamma}")
         for name, numbers in (("start", self.start), ("goal", self.goal)):
             for number in numbers or ():
                 if not math.isfinite(number):
@@ -71,8 +66,14 @@ class EpisodeConfig:
         object.__setattr__(self, "without", ordered_difficulties(self.without))
 
     def row(self) -> dict[str, Any]:
-        """As JSON holds it: tuples are lists."""
-        return {key: list(v) if isinstance(v, tuple) else v for key, v in asdict(self).items()}
+        """The configuration as JSON holds it, flat: tuples are lists, and the options stand beside the rest."""
+        own = asdict(self)
+        own |= own.pop("options")
+        return {key: list(v) if isinstance(v, tuple) else v for key, v in own.items()}
+
+
+CONFIG_FIELDS = tuple(EpisodeConfig().row())
+"""The fields of a row that say which episode it is of."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +122,7 @@ class Episode:
     def __init__(self, config: EpisodeConfig):
         began = time.perf_counter()
         self.config = config
-        self.method = method_of(config)
+        self.method = resolve(config.method, config.options)
         self.body = make_body(config.robot)
         self.world = _make_task(config, self.body.spec.radius)
         self.shortest_path = check_task(self.world, self.body.spec.radius)
@@ -140,7 +141,8 @@ class Episode:
             telemetry=telemetry,
             perfect_odometry=not ambiguous,
         )
-        return simulation, self.method.build(stack_request(self.config, self.body, telemetry))
+        localisation = "slam" if ambiguous else "odometry"
+        return simulation, build(self.method, self.body.spec, self.body.lidar, localisation, telemetry)
 
     def begin(self, telemetry: Telemetry) -> tuple[Simulation, Navigator, Scan, Odometry]:
         """Both sides ready for the first step, and what the robot senses at first."""
@@ -210,22 +212,6 @@ class Episode:
         if distance(simulation.true_pose, self.world.goal) <= GOAL_TOLERANCE:
             return "success"
         return "timeout" if simulation.time >= self.timeout else None
-
-
-def method_of(config: EpisodeConfig) -> Method:
-    """The method of an episode, checked to go with what it is given.
-
-    Raises:
-        VucaError: It does not.
-    """
-    return find_method(config.method, policy=config.policy, gamma=config.gamma, safety=config.safety)
-
-
-def stack_request(config: EpisodeConfig, body: Body, telemetry: Telemetry) -> StackRequest:
-    """What an episode's method is asked for."""
-    localisation = "odometry" if "A" in config.without else "slam"
-    given = config.policy, config.gamma, config.safety
-    return StackRequest(body.spec, body.lidar, localisation, telemetry, *given)
 
 
 def run_episode(config: EpisodeConfig, telemetry: Telemetry | None = None) -> EpisodeResult:

@@ -1,222 +1,279 @@
-"""The methods that can be put in an episode, by name."""
+"""The methods that can be put in an episode: a table of configurations, and the function that builds a stack of one.
+
+A method is data. What a user changes of one is an option (``MethodOptions``), not another name; ``resolve`` gives the
+configuration that runs, and ``build`` the navigator. A new method is an entry of ``METHODS``.
+"""
 
 import hashlib
+import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
-from vuca_nav.errors import BadArgument, UnknownName
+from vuca_nav.errors import BadArgument, BadWeights, UnknownName
 from vuca_nav.exploration.critic import SHIPPED, LearnedCritic, load_critic
 from vuca_nav.exploration.explorer import ExplorerConfig
 from vuca_nav.mapping.slam import SlamConfig
 from vuca_nav.navigator import Navigator, NavigatorConfig
+from vuca_nav.perception.perception import PerceptionConfig
 from vuca_nav.policy.dynamic_window import DynamicWindow
 from vuca_nav.policy.learned import LearnedPolicy
-from vuca_nav.policy.network import LEARNED_GATE, UNIFORM_GATE, Gate
+from vuca_nav.policy.network import Gate, PolicyNetwork
 from vuca_nav.policy.weights_file import WEIGHTS_FOLDER, load_weights
 from vuca_nav.shield.shield import Shield
 from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import BodySpec, LidarSpec
 
 GAMMA = 300.0
-"""How much longer a way may be if that surely spares meeting somebody, where nobody asks for another [m]."""
-EXPLORATION_RATE = 1.0
-"""At which the target is chosen anew where V^h has a say [Hz]: in the paper's 5 s whoever comes along a corridor is
-here."""
+"""Extra way that is worth it if it surely spares meeting a mover, where nobody asks for another [m]."""
+CRITIC_RATE = 1.0
+"""Rate at which the target is chosen anew where V^h has a say [Hz]: in the paper's 5 s, whatever comes along a corridor
+has arrived."""
 
 
 @dataclass(frozen=True, slots=True)
-class StackRequest:
-    """What a method is built for."""
+class ExplorerSettings:
+    """How the exploration point is chosen."""
 
-    body: BodySpec
-    lidar: LidarSpec
-    localisation: Literal["slam", "odometry"]
-    """"odometry" where the odometry is the true pose (``--without A``)."""
-    telemetry: Telemetry
-    policy: str | None = None
-    """Weights file instead of the method's own."""
+    rate: float = 0.2
+    """Rate at which it is chosen anew, besides the triggers [Hz]: the paper's."""
+    hysteresis: float = 3.0
+    """Cost by which another candidate must be better than the present one [m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class MethodConfig:
+    """A stack, stage by stage; a field that is None is a stage that the method does without."""
+
+    controller: Literal["dynamic-window", "network"]
+    """Local controller: samples commands and simulates them, or a trained network gives them."""
+    weights: Path | None = None
+    """Weights file of the network."""
+    gate: Gate | None = None
+    """What decides on the shares of the network's experts; None for a network of a single one."""
+    shield: bool = False
+    """Whether a shield filters the controller's commands."""
+    critic: Path | None = None
+    """Weights file of the critic whose V^h rates the exploration's candidates."""
+    explorer: ExplorerSettings = ExplorerSettings()
     gamma: float | None = None
-    """Of the safety term instead of the method's own [m]."""
-    safety: str | None = None
-    """Weights file of the critic of V^h instead of the shipped one."""
+    """Weight of V^h: extra way that is worth it if it surely spares meeting a mover [m]; None without a critic."""
+    perception: PerceptionConfig = field(default_factory=PerceptionConfig)
+    """How scans are read, for all stages alike; a method that does without something says so here."""
+
+    def row(self) -> dict[str, Any]:
+        """The configuration as JSON holds it; shipped files are named by their stem, wherever they are installed."""
+        return asdict(self) | {"weights": _stem_or_path(self.weights), "critic": _stem_or_path(self.critic)}
 
 
-@dataclass(frozen=True, slots=True)
-class Method:
-    """A way to build a navigator."""
+class Method(NamedTuple):
+    """An entry of the table of methods."""
 
     description: str
-    build: Callable[[StackRequest], Navigator]
-    learned: "Learned | None" = None
-    """What drives it, if that is learned."""
+    config: MethodConfig
+
+
+def _network(weights: str, **changes: Any) -> MethodConfig:
+    return MethodConfig("network", WEIGHTS_FOLDER / f"{weights}.safetensors", **changes)
+
+
+METHODS: dict[str, Method] = {
+    "dwa-dh": Method(
+        "SLAM, frontier exploration by D^h and waypoints, over a dynamic window controller",
+        MethodConfig("dynamic-window"),
+    ),
+    "ours": Method(
+        "the full system: the policy of fusion-plus under a shield, frontiers by D^h and V^h",
+        _network(
+            "fusion-plus", gate=Gate(), shield=True, critic=SHIPPED, explorer=ExplorerSettings(CRITIC_RATE), gamma=GAMMA
+        ),
+    ),
+    "ours-dh": Method("the full system without V^h", _network("fusion-plus", gate=Gate(), shield=True)),
+    "go-straight": Method("stage 1's expert for going straight alone, D^h", _network("go-straight")),
+    "obstacle-avoidance": Method("stage 1's expert for avoiding obstacles alone, D^h", _network("obstacle-avoidance")),
+    "single": Method("one network trained like the fused one, D^h", _network("single")),
+    "fusion": Method("the fused policy as in the paper, D^h", _network("fusion", gate=Gate())),
+    "fusion-plus": Method(
+        "the fused policy beyond the paper, which sees tracks of what moves, D^h", _network("fusion-plus", gate=Gate())
+    ),
+    "single-plus": Method("one network that sees what fusion-plus sees, D^h", _network("single-plus")),
+}
+BEST = "ours-dh"
+"""What runs where no method is named: until V^h is mended, the stack without it arrives more often (README)."""
+BEST_WITH_CRITIC = "ours"
+"""What runs where no method is named and V^h is asked for."""
 
 
 @dataclass(frozen=True, slots=True)
-class Learned:
-    """A navigator with a learned local policy under our cerebrum."""
+class MethodOptions:
+    """Changes to a method; what is left at its default stays the method's own."""
 
-    weights: str
-    """Name of its file in ``WEIGHTS_FOLDER``."""
-    gate: Gate = LEARNED_GATE
-    safety: bool = False
-    """Whether a critic of safety rates the frontiers, V^h, beside D^h."""
+    policy: str | None = None
+    """Weights file of the network."""
+    gate: Literal["uniform"] | None = None
+    """Give every expert the same share."""
+    without_expert: int | None = None
+    """Leave an expert out, by its number from 1 on."""
+    no_shield: bool = False
+    """Leave the shield out."""
+    critic: str | None = None
+    """Weights file of the critic of V^h."""
+    gamma: float | None = None
+    """Weight of V^h [m]."""
 
-    shielded: bool = False
-    """Whether a shield stands between the policy and the body."""
+    def __post_init__(self) -> None:
+        """Raises BadArgument for a gamma that is negative or not finite."""
+        if self.gamma is not None and not 0.0 <= self.gamma < math.inf:
+            raise BadArgument(f"--gamma must be 0 or more, got {self.gamma}")
 
-    @property
-    def path(self) -> Path:
-        """Of its weights file."""
-        return WEIGHTS_FOLDER / f"{self.weights}.safetensors"
-
-    @property
-    def is_shipped(self) -> bool:
-        """Whether all that it needs is there."""
-        return self.path.is_file() and (not self.safety or SHIPPED.is_file())
-
-    def files(self, policy: str | None = None, safety: str | None = None) -> tuple[Path, Path | None]:
-        """Of the policy's weights and of the critic's, None without V^h; those that are given instead of its own."""
-        critic = SHIPPED if safety is None else Path(safety)
-        return self.path if policy is None else Path(policy), critic if self.safety else None
-
-    def build(self, request: StackRequest) -> Navigator:
-        """The whole stack.
-
-        Raises:
-            VucaError: The weights cannot be used.
-        """
-        body, lidar, telemetry = request.body, request.lidar, request.telemetry
-        weights, critic = self.files(request.policy, request.safety)
-        policy = LearnedPolicy(body, lidar, load_weights(weights), self.gate, telemetry)
-        guarded = Shield(body, lidar, policy) if self.shielded else policy
-        config = _config(request)
-        if critic is None:
-            return Navigator(body, lidar, guarded, config, telemetry)
-        gamma = GAMMA if request.gamma is None else request.gamma
-        config = replace(config, explorer=ExplorerConfig(gamma=gamma), exploration_rate=EXPLORATION_RATE)
-        return Navigator(body, lidar, guarded, config, telemetry, LearnedCritic(body, lidar, load_critic(critic)))
+    def given(self) -> dict[str, Any]:
+        """The options that are not at their defaults."""
+        values = asdict(self)
+        return {name: value for name, value in values.items() if value is not None and value is not False}
 
 
-def _config(request: StackRequest) -> NavigatorConfig:
-    return NavigatorConfig(slam=SlamConfig(localisation=request.localisation))
+UNCHANGED = MethodOptions()
+"""The method as it is."""
 
 
-def _dwa_dh(request: StackRequest) -> Navigator:
-    window = DynamicWindow(request.body, request.lidar)
-    return Navigator(request.body, request.lidar, window, _config(request), request.telemetry)
+class _Lack(NamedTuple):
+    """What a method must have for an option to go with it."""
+
+    message: str
+    has: Callable[[MethodConfig], bool]
 
 
-def _learned(
-    description: str, weights: str, gate: Gate = LEARNED_GATE, *, safety: bool = False, shielded: bool = False
-) -> Method:
-    learned = Learned(weights, gate, safety, shielded)
-    return Method(description, learned.build, learned)
-
-
-ALL: dict[str, Method] = {
-    "dwa-dh": Method("SLAM, frontier exploration by D^h and waypoints, over a dynamic window controller", _dwa_dh),
-    "ours": _learned(
-        "the full system: the policy of fusion-plus under a shield, frontiers by D^h and V^h",
-        "fusion-plus",
-        safety=True,
-        shielded=True,
-    ),
-    "ours-dh": _learned("the full system without V^h", "fusion-plus", shielded=True),
-    "go-straight": _learned("stage 1's expert for going straight alone, D^h", "go-straight"),
-    "obstacle-avoidance": _learned("stage 1's expert for avoiding obstacles alone, D^h", "obstacle-avoidance"),
-    "single": _learned("one network trained like the fused one, D^h", "single"),
-    "fusion": _learned("the fused policy as in the paper, D^h", "fusion"),
-    "fusion-uniform": _learned("the fused policy, every expert with the same share, D^h", "fusion", UNIFORM_GATE),
-    "fusion-plus": _learned("the fused policy beyond the paper, which sees tracks of what moves, D^h", "fusion-plus"),
-    "fusion-plus-uniform": _learned("the same, every expert with the same share, D^h", "fusion-plus", UNIFORM_GATE),
-    "single-plus": _learned("one network that sees what fusion-plus sees, D^h", "single-plus"),
-    **{
-        f"fusion-without-{n}": _learned(f"the fused policy without its expert {n}, D^h", "fusion", Gate(without=n))
-        for n in range(4)
-    },
+_NO_NETWORK = _Lack("drives by no weights", lambda config: config.weights is not None)
+_NO_GATE = _Lack("has no gate over several experts", lambda config: config.gate is not None)
+_NO_SHIELD = _Lack("has no shield", lambda config: config.shield)
+_NO_CRITIC = _Lack("has no V^h", lambda config: config.critic is not None)
+_LACKS = {
+    "policy": _NO_NETWORK,
+    "gate": _NO_GATE,
+    "without_expert": _NO_GATE,
+    "no_shield": _NO_SHIELD,
+    "critic": _NO_CRITIC,
+    "gamma": _NO_CRITIC,
 }
-"""All there are to be; one whose weights are not shipped runs with a weights file of one's own only."""
 
 
-def runnable() -> dict[str, Method]:
-    """Those of ``ALL`` whose weights are there."""
-    return {name: method for name, method in ALL.items() if method.learned is None or method.learned.is_shipped}
-
-
-METHODS = runnable()
-"""Those that run without a weights file of one's own."""
-BEST = "ours"
-"""What runs when no method is named."""
-
-
-def find_method(
-    name: str, *, policy: str | None = None, gamma: float | None = None, safety: str | None = None
-) -> Method:
-    """The method of that name.
+def resolve(name: str, options: MethodOptions = UNCHANGED) -> MethodConfig:
+    """The configuration that runs: a method's own, changed by options.
 
     Args:
-        name: Among ``METHODS``, or with a weights file among ``ALL``.
-        policy: A weights file for it.
-        gamma: Of the safety term, for it [m].
-        safety: A weights file of the critic of V^h, for it.
+        name: Of ``METHODS``, in its exact spelling.
+        options: Changes to it.
 
     Raises:
-        UnknownName: There is none.
-        BadArgument: It has no use for a weights file, for gamma or for a critic, or policy and critic look at different
-            things.
-        BadWeights: A weights file cannot be used.
+        UnknownName: There is no such method.
+        BadArgument: An option does not go with the method, or there is no such expert.
+        BadWeights: A weights file that is given cannot be used.
     """
-    own = policy is not None or safety is not None
-    methods = ALL if own else METHODS
-    if name not in methods:
-        raise UnknownName("method", name, methods)
-    method = methods[name]
-    learned = method.learned
-    if policy is not None and learned is None:
-        raise BadArgument(f"method {name!r} drives by no weights; --policy goes with: {_names(safety=False)}")
-    for option, value in (("--gamma", gamma), ("--safety", safety)):
-        if value is not None and not (learned and learned.safety):
-            raise BadArgument(f"method {name!r} has no V^h; {option} goes with: {_names(safety=True)}")
-    if own and learned is not None:
-        weights, critic = learned.files(policy, safety)
-        load_weights(weights)
-        if critic is not None:
-            load_critic(critic)
-    return method
+    if name not in METHODS:
+        raise UnknownName("method", name, METHODS)
+    config, given = METHODS[name].config, options.given()
+    for option in given:
+        lack = _LACKS[option]
+        if not lack.has(config):
+            those = ", ".join(other for other, method in METHODS.items() if lack.has(method.config))
+            raise BadArgument(f"method {name!r} {lack.message}; {flag_of(option)} goes with: {those}")
+    if config.gate is not None:
+        gate = Gate(uniform=options.gate == "uniform", without=options.without_expert)
+        config = replace(config, gate=gate)
+    if options.no_shield:
+        config = replace(config, shield=False)
+    if options.policy is not None:
+        config = replace(config, weights=Path(options.policy))
+    if config.critic is not None:
+        config = replace(
+            config,
+            critic=config.critic if options.critic is None else Path(options.critic),
+            gamma=config.gamma if options.gamma is None else options.gamma,
+        )
+    if given.keys() & {"policy", "gate", "without_expert", "critic"}:
+        _check_files(config, given)
+    return config
 
 
-def identity_of(
-    method: str, *, policy: str | None = None, gamma: float | None = None, safety: str | None = None
-) -> dict[str, Any]:
-    """What tells evaluations of one method apart: its weights, by name and content, and gamma.
+def _check_files(config: MethodConfig, given: dict[str, Any]) -> None:
+    """Raises VucaError if weights cannot be read, or the policy's do not go with the gate."""
+    assert config.weights is not None
+    weights = load_weights(config.weights)
+    if "gate" in given and weights.experts == 1:
+        raise BadArgument(f"{config.weights} has a single expert; --gate goes with weights of several")
+    PolicyNetwork(weights, config.gate or Gate())
+    if config.critic is not None:
+        load_critic(config.critic)
+
+
+def flag_of(option: str) -> str:
+    """An option as it is typed, ``--without-expert`` for ``without_expert``."""
+    return f"--{option.replace('_', '-')}"
+
+
+def title_of(method: str, options: dict[str, Any]) -> str:
+    """A method as it is typed, with its options: ``ours --gamma 0 --no-shield``.
 
     Args:
         method: Its name.
-        policy: As in ``find_method``.
-        gamma: As there.
-        safety: As there.
+        options: Among other things those of ``MethodOptions`` by name, as a row of a result has them.
+    """
+    typed = [method]
+    for option in fields(MethodOptions):
+        value = options.get(option.name)
+        if value is not None and value is not False:
+            typed += [flag_of(option.name)] if value is True else [flag_of(option.name), str(value)]
+    return " ".join(typed)
+
+
+def identity_of(config: MethodConfig) -> dict[str, Any]:
+    """What tells evaluations apart: the resolved configuration, weights by name and by content.
+
+    Args:
+        config: Of ``resolve``.
 
     Raises:
-        VucaError: As there.
+        BadWeights: A weights file cannot be read.
     """
-    learned = find_method(method, policy=policy, gamma=gamma, safety=safety).learned
-    if learned is None:
-        return {}
-    weights, critic = learned.files(policy, safety)
-    identity = {"policy": policy or learned.weights, "sha256": _digest(weights)}
-    if critic is None:
-        return identity
-    return identity | {
-        "gamma": GAMMA if gamma is None else gamma,
-        "safety": safety or SHIPPED.stem,
-        "safety_sha256": _digest(critic),
-    }
+    files = {"weights_sha256": config.weights, "critic_sha256": config.critic}
+    return config.row() | {name: _digest(path) for name, path in files.items() if path is not None}
 
 
-def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+def build(
+    method: MethodConfig,
+    body: BodySpec,
+    lidar: LidarSpec,
+    localisation: Literal["slam", "odometry"] = "slam",
+    telemetry: Telemetry = Telemetry(),
+) -> Navigator:
+    """Build the stack of a method for a body.
+
+    Args:
+        method: Of ``resolve``.
+        body: What is driven.
+        lidar: What it sees with.
+        localisation: "odometry" where the odometry is the true pose (``--without A``).
+        telemetry: Who listens.
+
+    Raises:
+        VucaError: Weights cannot be used.
+    """
+    explorer = ExplorerConfig(gamma=method.gamma or 0.0, hysteresis=method.explorer.hysteresis)
+    config = NavigatorConfig(
+        exploration_rate=method.explorer.rate,
+        perception=method.perception,
+        slam=SlamConfig(localisation=localisation),
+        explorer=explorer,
+    )
+    if method.controller == "dynamic-window":
+        return Navigator(body, lidar, DynamicWindow(body, lidar), config, telemetry)
+    assert method.weights is not None
+    policy = LearnedPolicy(body, lidar, load_weights(method.weights), method.gate or Gate(), telemetry)
+    shielded = Shield(body, lidar, policy) if method.shield else policy
+    if method.critic is None:
+        return Navigator(body, lidar, shielded, config, telemetry)
+    return Navigator(body, lidar, shielded, config, telemetry, LearnedCritic(body, lidar, load_critic(method.critic)))
 
 
 def settings_of(navigator: Navigator) -> dict[str, Any]:
@@ -233,5 +290,14 @@ def settings_of(navigator: Navigator) -> dict[str, Any]:
     return settings
 
 
-def _names(*, safety: bool) -> str:
-    return ", ".join(name for name, m in ALL.items() if m.learned is not None and (m.learned.safety or not safety))
+def _digest(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise BadWeights(f"cannot read the weights {path}: {error.strerror}") from error
+
+
+def _stem_or_path(path: Path | None) -> str | None:
+    if path is None:
+        return None
+    return path.stem if path.parent in (WEIGHTS_FOLDER, SHIPPED.parent) else str(path)

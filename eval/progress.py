@@ -3,6 +3,8 @@
 import time
 from typing import Any, TextIO
 
+from eval.methods import title_of
+
 ON_A_TERMINAL = 0.2
 """Time between two updates of the line [s]."""
 IN_A_LOG = 10.0
@@ -71,7 +73,7 @@ _TABLE = (
 def result_table(row: dict[str, Any]) -> str:
     """A row of a result for people: what was run, the outcome, the figures with their units."""
     options = (f"{key} {row[key]}" for key in ("region", "movers", "without") if row[key] not in (None, ""))
-    what = ", ".join([row["world"], *options, row["robot"], row["method"], f"seed {row['seed']}"])
+    what = ", ".join([row["world"], *options, row["robot"], title_of(row["method"], row), f"seed {row['seed']}"])
     outcome = row["outcome"] + (f" with {row['collided_with']}" if row["collided_with"] else "")
     figures = (
         f"  {name:20} {'-' if row[name] is None else format(row[name], f'.{digits}f'):>10} {unit}".rstrip()

@@ -11,16 +11,15 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
-from eval.episode import EpisodeConfig, method_of, run_episode, stack_request
-from eval.methods import settings_of
+from eval.episode import CONFIG_FIELDS, EpisodeConfig, run_episode
+from eval.methods import build, resolve, settings_of
 from eval.store import Row
 from robots.noise import NoiseConfig
 from robots.registry import make_body
 from vuca_nav.provenance import commit
-from vuca_nav.telemetry.interface import Telemetry
 
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
@@ -51,7 +50,7 @@ def run_one(config: EpisodeConfig) -> Row:
 
 def key_of(row: Row) -> str:
     """What makes a row this episode's and no other's: its configuration."""
-    return repr([row.get(field.name) for field in fields(EpisodeConfig)])
+    return repr([row.get(name) for name in CONFIG_FIELDS])
 
 
 def run_episodes(configs: Sequence[EpisodeConfig], workers: int, job: RunEpisode = run_one) -> Iterator[Row | Crash]:
@@ -130,8 +129,8 @@ def provenance(config: EpisodeConfig) -> Row:
     """What makes a result: versions and commit, the libraries that decide on its bits, all settings.
 
     Args:
-        config: Of whose robot and method the settings are, as they are with all difficulties: a task says itself what
-            it leaves out.
+        config: An episode of the evaluation. The settings are those of its robot and method with all difficulties: a
+            task says itself what it leaves out.
 
     Raises:
         VucaError: There is no such robot or method, or it cannot be built.
@@ -139,7 +138,6 @@ def provenance(config: EpisodeConfig) -> Row:
     made_by: Row = {
         name: importlib.metadata.version(name) for name in ("vuca-nav", "mujoco", "numpy", "numba", "scipy")
     }
-    navigator = method_of(config).build(
-        stack_request(replace(config, without=""), make_body(config.robot), Telemetry())
-    )
+    body = make_body(config.robot)
+    navigator = build(resolve(config.method, config.options), body.spec, body.lidar)
     return {**made_by, "commit": commit(), "noise": asdict(NoiseConfig()), **settings_of(navigator)}

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from eval.episode import EpisodeConfig
-from eval.methods import BEST, find_method
+from eval.methods import BEST, UNCHANGED, MethodOptions, resolve
 from robots.registry import ROBOTS
 from vuca_nav.errors import BadArgument, UnknownName
 from worlds.registry import TRAINING_SEED
@@ -98,9 +98,7 @@ def episodes_of(
     method: str = BEST,
     seeds: Iterable[int] | None = None,
     limit: int | None = None,
-    policy: str | None = None,
-    gamma: float | None = None,
-    safety: str | None = None,
+    options: MethodOptions = UNCHANGED,
 ) -> tuple[EpisodeConfig, ...]:
     """All episodes of a suite, the first seed of every task before the second.
 
@@ -110,21 +108,19 @@ def episodes_of(
         method: A method's name.
         seeds: Instead of the suite's own.
         limit: Only the first so many episodes.
-        policy: A weights file instead of the method's own.
-        gamma: Of the safety term instead of the method's own [m].
-        safety: A weights file of the critic of V^h instead of the shipped one.
+        options: Changes to the method.
 
     Raises:
-        VucaError: There is no such robot, method or weights file, or the limit is not positive.
+        VucaError: There is no such robot, method or weights file, an option does not go with the method, or the limit
+            is not positive.
     """
     if robot not in ROBOTS:
         raise UnknownName("robot", robot, ROBOTS)
-    given = {"policy": policy, "gamma": gamma, "safety": safety}
-    find_method(method, **given)
+    resolve(method, options)
     if limit is not None and limit < 1:
         raise BadArgument(f"--episodes must be 1 or more, got {limit}")
     every = tuple(
-        EpisodeConfig(task.world, task.region, robot, method, seed, task.without, task.movers, **given)
+        EpisodeConfig(task.world, task.region, robot, method, seed, task.without, task.movers, options=options)
         for seed in (suite.seeds if seeds is None else seeds)
         for task in suite.tasks
     )

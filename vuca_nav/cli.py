@@ -144,7 +144,7 @@ def _first_paragraph(box: str) -> str:
         if text.startswith("────") or text == "Got errors:":
             break
         words += text.split()
-    return " ".join(words).replace("{None}|", "").rstrip(".") or "bad arguments"
+    return " ".join(words).replace("{None}|", "").replace("'None', ", "").rstrip(".") or "bad arguments"
 
 
 def _bad_input(name: str, message: str) -> int:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eval.episode import Episode, EpisodeConfig, Progress
+from eval.methods import BEST_WITH_CRITIC, title_of
 from vuca_nav.errors import BadArgument
 from vuca_nav.exploration.heatmap import DARK, SafetyMap, safety_around
 from vuca_nav.exploration.heuristic import NoCritic
@@ -101,7 +102,7 @@ def view_at(
     simulation, navigator, scan, odometry = episode.begin(telemetry)
     critic = navigator.explorer.critic
     if isinstance(critic, NoCritic):
-        raise BadArgument(f"method {config.method!r} has no critic; take one with V^h, such as 'ours'")
+        raise BadArgument(f"method {config.method!r} has no critic; take one with V^h, such as {BEST_WITH_CRITIC!r}")
     while True:
         command = navigator.step(scan, odometry)
         if simulation.time >= at - 1e-9 or episode.judge(simulation) is not None:
@@ -190,7 +191,8 @@ def draw(view: View, path: Path) -> None:
     arrow = [pixel(pose.x + c * x - s * y, pose.y + s * x + c * y) for x, y in corners]
     pen.polygon(arrow, fill=ROBOT, outline=WALL)
 
-    words = f"V^h  {view.config.world}, {view.config.robot}, {view.config.method}, seed {view.config.seed}"
+    method = title_of(view.config.method, view.config.options.given())
+    words = f"V^h  {view.config.world}, {view.config.robot}, {method}, seed {view.config.seed}"
     pen.text((MARGIN, 8), f"{words}, {view.time:.1f} s", fill=WALL, font_size=18)
     legend = "white: robot   red: returns   magenta: exploration point   gold: goal   black: occupied"
     pen.text((MARGIN, picture.height - MARGIN + 10), legend, fill=WALL, font_size=14)

@@ -12,6 +12,7 @@ import tyro
 
 from eval.analysis.statistics import wilson_interval
 from eval.episode import OUTCOMES
+from eval.methods import title_of
 from eval.store import Row
 from vuca_nav.cli import run_module
 from vuca_nav.errors import BadArgument, UnknownName
@@ -45,9 +46,8 @@ def lines_of(groups: list[Row], show: str = "success") -> dict[str, list[Point]]
         share = _share(group, show)
         if group["movers"] is None or share["rate"] is None:
             continue
-        name = f"{group['world']}, {group['robot']}, {group['method']}"
-        if group.get("gamma") is not None:
-            name += f", gamma {group['gamma']:g}"
+        method = title_of(group["method"], group.get("options") or {})
+        name = f"{group['world']}, {group['robot']}, {method}"
         lines.setdefault(name, []).append((group["movers"], share["rate"], *share["interval"]))
     return {name: sorted(points) for name, points in lines.items()}
 
@@ -71,7 +71,7 @@ def read_groups(folder: Path) -> list[Row]:
     path = folder / "summary.json"
     try:
         summary = json.loads(path.read_text())
-        return [{**group, "gamma": summary.get("gamma")} for group in summary["groups"]]
+        return [{**group, "options": summary.get("options")} for group in summary["groups"]]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise BadArgument(f"{path} is not the summary of a complete evaluation: {error}") from error
 

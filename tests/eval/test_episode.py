@@ -13,7 +13,6 @@ import pytest
 
 import eval.episode
 from eval.episode import Episode, EpisodeConfig, run_episode
-from eval.methods import METHODS, Method
 from eval.metrics import TIMING_FIELDS
 from vuca_nav.errors import BadArgument, BadWorld, UnknownName
 from vuca_nav.geometry import between
@@ -67,9 +66,6 @@ class StraightOn:
     speed = 1.0
     was_given = told = None
 
-    def __init__(self, request):
-        self.request = request
-
     def reset(self, start, goal, prior_map=None):
         self.map_from_base = start
         type(self).was_given, type(self).told = prior_map, (start, goal)
@@ -86,12 +82,12 @@ def simulation(monkeypatch):
     monkeypatch.setattr(eval.episode, "Simulation", Point)
     monkeypatch.setattr(eval.episode, "make_body", lambda name: BODY)
     monkeypatch.setattr(eval.episode, "make_world", lambda name, seed, **kwargs: WORLD)
-    monkeypatch.setitem(METHODS, "straight", Method("straight on", StraightOn))  # type: ignore[arg-type]
+    monkeypatch.setattr(eval.episode, "build", lambda *_: StraightOn())
     return Point
 
 
 def config(**changes):
-    return EpisodeConfig(world="line", method="straight", **changes)
+    return EpisodeConfig(world="line", method="dwa-dh", **changes)
 
 
 def test_success_is_the_true_position_within_0_3_m_of_the_goal(simulation):
@@ -160,18 +156,19 @@ def test_start_and_goal_replace_the_worlds(simulation):
 
 
 def test_without_ambiguity_odometry_is_true_and_nothing_is_noisy(simulation, monkeypatch):
-    requests = []
-    monkeypatch.setitem(
-        METHODS,
-        "straight",
-        Method("", lambda request: requests.append(request) or StraightOn(request)),  # type: ignore[arg-type, return-value, func-returns-value]
-    )
+    asked = []
+
+    def build(method, body, lidar, localisation, telemetry):
+        asked.append(localisation)
+        return StraightOn()
+
+    monkeypatch.setattr(eval.episode, "build", build)
     run_episode(config())
-    assert requests[-1].localisation == "slam"
+    assert asked[-1] == "slam"
     assert simulation.made_with["perfect_odometry"] is False
     noisy = simulation.made_with["noise"]
     run_episode(config(without="A"))
-    assert requests[-1].localisation == "odometry"
+    assert asked[-1] == "odometry"
     assert simulation.made_with["perfect_odometry"] is True
     assert simulation.made_with["noise"] != noisy
 

@@ -1,11 +1,12 @@
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import pytest
 
 from eval.analysis.summary import statistics_of, summarise, table
 from eval.episode import EpisodeConfig
 from eval.evaluate import evaluate
+from eval.methods import METHODS, ExplorerSettings, Method, MethodOptions
 from eval.runner import Crash, provenance, run_episodes
 from eval.suites import SUITES, episodes_of, find_suite, parse_seeds
 from tests.eval import jobs
@@ -201,9 +202,10 @@ def test_the_settings_that_are_kept_are_those_that_ran():
     assert ours["shield"] == asdict(ShieldConfig())
     assert ours["shield"]["futures"] == asdict(FuturesConfig())
     assert "dynamic_window" not in ours
-    assert provenance(EpisodeConfig(method="ours", gamma=2.0))["navigator"]["explorer"]["gamma"] == 2.0
+    weighted = EpisodeConfig(method="ours", options=MethodOptions(gamma=2.0))
+    assert provenance(weighted)["navigator"]["explorer"]["gamma"] == 2.0
     assert provenance(EpisodeConfig(method="ours", without="A")) == ours  # the task says so
-    alone = provenance(EpisodeConfig(method="fusion-plus-uniform", robot="go2"))
+    alone = provenance(EpisodeConfig(method="fusion-plus", robot="go2", options=MethodOptions(gate="uniform")))
     assert "shield" not in alone
     assert alone["gate"]["uniform"]
     window = provenance(EpisodeConfig(method="dwa-dh"))
@@ -214,6 +216,8 @@ def test_the_settings_that_are_kept_are_those_that_ran():
 
 def test_other_settings_do_not_go_on_with_our_rows(tmp_path, monkeypatch):
     evaluate(IDENTITY, CONFIGS[:2], tmp_path, workers=1, job=jobs.episode_by_hash)
-    monkeypatch.setattr("eval.methods.EXPLORATION_RATE", 0.5)
-    with pytest.raises(BadArgument, match=r"begun with navigator\.exploration_rate = 1\.0, not 0\.5"):
+    (name,) = {config.method for config in CONFIGS}
+    slower = replace(METHODS[name].config, explorer=ExplorerSettings(rate=0.1))
+    monkeypatch.setitem(METHODS, name, Method("slower", slower))
+    with pytest.raises(BadArgument, match=r"begun with navigator\.exploration_rate = 0\.2, not 0\.1"):
         evaluate(IDENTITY, CONFIGS[:2], tmp_path, workers=1, job=jobs.episode_by_hash)

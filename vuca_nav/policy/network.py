@@ -18,7 +18,7 @@ class Gate:
     uniform: bool = False
     """Every expert has the same share."""
     without: int | None = None
-    """This expert has none; the others' shares add up to 1 again."""
+    """This expert has none, by its number from 1 on; the others' shares add up to 1 again."""
 
 
 LEARNED_GATE, UNIFORM_GATE = Gate(), Gate(uniform=True)
@@ -41,15 +41,15 @@ class PolicyNetwork:
     def __post_init__(self) -> None:
         """Raises BadArgument if there is no such expert to leave out."""
         w, experts = self.weights, self.weights.experts
-        if self.gate.without is not None and not (0 <= self.gate.without < experts and experts > 1):
+        if self.gate.without is not None and not (1 <= self.gate.without <= experts and experts > 1):
             raise BadArgument(
                 f"cannot leave out expert {self.gate.without}: {w.path.name} has {experts}, "
-                + (f"numbered 0 to {experts - 1}" if experts > 1 else "which it needs")
+                + (f"numbered 1 to {experts}" if experts > 1 else "which it needs")
             )
         self.shares = np.full(experts, 1.0 / experts)
         kept = np.ones(experts, np.bool_)
         if self.gate.without is not None:
-            kept[self.gate.without] = False
+            kept[self.gate.without - 1] = False
             self.shares = kept / kept.sum()
         elu = w.activation == "elu"
         # Transposed: the kernels add up columns, which vectorises without reordering a sum.

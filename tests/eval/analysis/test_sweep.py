@@ -22,10 +22,11 @@ def test_lines_are_in_order_of_the_movers():
 def test_the_share_that_took_a_way_is_of_those_that_entered_any():
     ways = {"quiet": {"count": 8, "rate": 0.32, "interval": [0.17, 0.52]}, "short": {"count": 17, "rate": 0.68}}
     none = {"short": {"count": 25, "rate": 1.0, "interval": [0.87, 1.0]}}
-    groups = [group(12, 0.7) | {"ways": ways, "gamma": 2.0}, group(4, 0.7) | {"ways": none, "gamma": 2.0}]
+    options = {"options": {"gamma": 2.0}}
+    groups = [group(12, 0.7) | {"ways": ways} | options, group(4, 0.7) | {"ways": none} | options]
     (name, points), *others = lines_of(groups, "quiet").items()
     assert not others
-    assert name == "square, go2, ours, gamma 2"
+    assert name == "square, go2, ours --gamma 2.0"
     assert points[1] == (12, 0.32, 0.17, 0.52)
     assert points[0][:3] == (4, 0.0, 0.0)
     assert points[0][3] == pytest.approx(0.1332, abs=1e-3)  # Wilson's interval of 0 of 25

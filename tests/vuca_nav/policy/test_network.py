@@ -58,21 +58,22 @@ def test_the_gate_can_be_overruled(tmp_path):
     observation = np.random.default_rng(2).uniform(-1.0, 1.0, weights.observation.size).astype(np.float32)
     _, learned = by_definition(random_tensors(), observation, "relu")
     without = np.where(np.arange(4) == 2, 0.0, learned)
-    for gate, shares in ((UNIFORM_GATE, np.full(4, 0.25)), (Gate(without=2), without / without.sum())):
+    for gate, shares in ((UNIFORM_GATE, np.full(4, 0.25)), (Gate(without=3), without / without.sum())):
         network, action = PolicyNetwork(weights, gate), np.empty(3)
         assert network.act(observation, action)
         assert network.shares == pytest.approx(shares, abs=1e-6)
         assert action == pytest.approx(by_definition(random_tensors(), observation, "relu", shares)[0], abs=2e-6)
-    both, action = PolicyNetwork(weights, Gate(uniform=True, without=0)), np.empty(3)
+    both, action = PolicyNetwork(weights, Gate(uniform=True, without=1)), np.empty(3)
     assert both.act(observation, action)
     assert both.shares == pytest.approx([0.0, 1 / 3, 1 / 3, 1 / 3])
 
 
 def test_there_must_be_an_expert_to_leave_out(tmp_path):
-    with pytest.raises(BadArgument, match="has 4, numbered 0 to 3"):
-        PolicyNetwork(load_weights(random_policy(tmp_path / "p.safetensors")), Gate(without=4))
+    for number in (0, 5):
+        with pytest.raises(BadArgument, match=f"cannot leave out expert {number}: .* has 4, numbered 1 to 4"):
+            PolicyNetwork(load_weights(random_policy(tmp_path / "p.safetensors")), Gate(without=number))
     with pytest.raises(BadArgument, match="which it needs"):
-        PolicyNetwork(load_weights(random_policy(tmp_path / "p.safetensors", experts=1)), Gate(without=0))
+        PolicyNetwork(load_weights(random_policy(tmp_path / "p.safetensors", experts=1)), Gate(without=1))
 
 
 def test_a_single_network_needs_no_gate(tmp_path):
