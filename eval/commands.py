@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import sys
 from dataclasses import asdict, fields
 from typing import TYPE_CHECKING, Any
@@ -90,7 +91,8 @@ def eval_(argv: list[str]) -> int:
         "tasks": [asdict(task) for task in suite.tasks],
     }
     workers = arguments.workers or len(os.sched_getaffinity(0))
-    evaluation = evaluate(identity, configs, arguments.out, workers=workers)
+    command = shlex.join(["vuca", "eval", *argv])
+    evaluation = evaluate(identity, configs, arguments.out, workers=workers, command=command)
     print(table(evaluation.groups, evaluation.total))
     print(f"rows and summary: {arguments.out}", file=sys.stderr)
     for crash in evaluation.crashes:

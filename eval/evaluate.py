@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 
 from tqdm import tqdm
@@ -12,6 +13,7 @@ from eval.episode import EpisodeConfig
 from eval.runner import Crash, RunEpisode, key_of, provenance, run_episodes, run_one
 from eval.store import ResultStore, Row
 from vuca_nav.errors import BadArgument
+from vuca_nav.provenance import machine
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +31,13 @@ class Evaluation:
 
 
 def evaluate(
-    identity: Row, configs: Sequence[EpisodeConfig], out: Path, *, workers: int, job: RunEpisode = run_one
+    identity: Row,
+    configs: Sequence[EpisodeConfig],
+    out: Path,
+    *,
+    workers: int,
+    command: str = "",
+    job: RunEpisode = run_one,
 ) -> Evaluation:
     """Run those episodes that ``out`` does not hold yet, then summarise all of them.
 
@@ -38,6 +46,7 @@ def evaluate(
         configs: Its episodes, one or more, of one robot and one method.
         out: The directory of the results.
         workers: Number of processes.
+        command: As it was typed, to be noted with the machine if there are episodes to run.
         job: Runs one episode in a worker.
 
     Raises:
@@ -59,6 +68,9 @@ def evaluate(
         todo = [config for config in configs if key_of(config.row()) not in done]
         if done:
             print(f"{len(done)} of {len(configs)} episodes are there already", file=sys.stderr)
+        if todo:
+            began = datetime.now(UTC).isoformat(timespec="seconds")
+            store.note_run({"began": began, "command": command, "machine": machine()})
         pause = 0.1 if sys.stderr.isatty() else 10.0  # between two updates [s]: in a log each is a line
         with tqdm(total=len(configs), initial=len(done), unit="episode", file=sys.stderr, mininterval=pause) as bar:
             for result in run_episodes(todo, workers, job) if todo else ():

@@ -1,19 +1,50 @@
 """The directory of an evaluation: its configuration, a row an episode, its summary. It survives a kill.
 
-``config.json`` says what is run and is never changed; ``episodes.jsonl`` gets a row as an episode ends;
-``summary.json`` is written at the end.
+``config.json`` says what is run and by which code, which is never changed, and notes each run of the command with its
+machine; ``episodes.jsonl`` gets a row as an episode ends; ``summary.json`` is written at the end.
 """
 
 import fcntl
 import json
-import os
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from vuca_nav.errors import BadArgument
+from vuca_nav.files import write_whole
 
 Row = dict[str, Any]
+
+
+class StoredConfig(NamedTuple):
+    """What ``config.json`` holds."""
+
+    config: Row
+    """What is run."""
+    made_by: Row
+    """Versions, commit and settings of the code that runs it."""
+    runs: list[Row]
+    """Each run of the command: ``began``, ``command``, ``machine``."""
+
+
+def read_config(directory: Path) -> StoredConfig:
+    """Read the configuration of an evaluation.
+
+    Raises:
+        BadArgument: There is none, or it is none.
+    """
+    path = directory / "config.json"
+    try:
+        stored = json.loads(path.read_text())
+    except OSError as error:
+        raise BadArgument(f"{path} cannot be read: {error.strerror}; give the directory of a vuca eval") from None
+    except ValueError:
+        stored = None
+    parts = stored if isinstance(stored, dict) else {}
+    config, made_by, runs = parts.get("config"), parts.get("made_by"), parts.get("runs", [])
+    if not (isinstance(config, dict) and isinstance(made_by, dict) and isinstance(runs, list)):
+        raise BadArgument(f"{path} is not the configuration of an evaluation")
+    return StoredConfig(config, made_by, runs)
 
 
 class ResultStore:
@@ -22,7 +53,7 @@ class ResultStore:
     Args:
         directory: Made if it does not exist.
         config: What is run. A directory that holds another configuration is refused.
-        made_by: The versions, the commit and the settings that make it. A directory that others began is refused.
+        made_by: Versions, commit and settings of the code that runs it. A directory that other code began is refused.
 
     Raises:
         BadArgument: The directory cannot be written, belongs to another evaluation or is in use, or its rows
@@ -62,27 +93,32 @@ class ResultStore:
         self._file.write(f"{json.dumps(row, allow_nan=False)}\n".encode())
         self.rows.append(row)
 
+    def note_run(self, run: Row) -> None:
+        """Add a run to those noted in ``config.json``: an evaluation may be gone on with, on another machine too.
+
+        Args:
+            run: When it began, its command and its machine.
+        """
+        path = self.directory / "config.json"
+        stored = json.loads(path.read_text())
+        write_whole(path, _pretty({**stored, "runs": [*stored.get("runs", []), run]}))
+
     def finish(self, ordered_rows: Iterable[Row], summary: Row) -> None:
         """Put the rows into a given order and write the summary, each file replaced as a whole."""
         self.rows = list(ordered_rows)
         lines = "".join(f"{json.dumps(row, allow_nan=False)}\n" for row in self.rows)
-        _replace(self.directory / "episodes.jsonl", lines)
-        _replace(self.directory / "summary.json", _pretty(summary))
+        write_whole(self.directory / "episodes.jsonl", lines)
+        write_whole(self.directory / "summary.json", _pretty(summary))
 
     def _check_config(self, config: Row, made_by: Row) -> None:
         path = self.directory / "config.json"
         if not path.exists():
             if (self.directory / "episodes.jsonl").exists():
                 raise BadArgument(f"{self.directory} has episodes but no config.json; choose an empty directory")
-            _replace(path, _pretty({"config": config, "made_by": made_by}))
+            write_whole(path, _pretty({"config": config, "made_by": made_by, "runs": []}))
             return
-        try:
-            stored = json.loads(path.read_text())
-        except ValueError:
-            stored = None
-        known = [stored.get(part) for part in ("config", "made_by")] if isinstance(stored, dict) else [None]
-        if not all(isinstance(part, dict) for part in known):
-            raise BadArgument(f"{path} is not the configuration of an evaluation")
+        stored = read_config(self.directory)
+        known = stored.config, stored.made_by
         remedies = ("give the same arguments or another --out", "go on with the same code or choose another --out")
         for begun, now, remedy in zip(known, (config, made_by), remedies, strict=True):
             difference = _first_difference(begun, json.loads(json.dumps(now)))
@@ -130,10 +166,3 @@ def _refuse(constant: str) -> None:
 
 def _pretty(content: Row) -> str:
     return f"{json.dumps(content, indent=2, allow_nan=False)}\n"
-
-
-def _replace(path: Path, text: str) -> None:
-    """Write a file as a whole or not at all."""
-    temporary = path.with_name(f".{path.name}.tmp")
-    temporary.write_text(text)
-    os.replace(temporary, path)

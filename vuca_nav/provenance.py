@@ -1,13 +1,14 @@
-"""Which code made a result."""
+"""Which code made a result, and on which machine."""
 
 import hashlib
 import os
+import platform
 import subprocess
 from pathlib import Path
 
 
 def commit() -> str | None:
-    """Of the checkout we run from; None if we run from none, or without git.
+    """Commit of the checkout that this code runs from; None if it runs from none, or without git.
 
     If it was changed since: ``-dirty-`` and a hash of the changes, so that two changed trees are told apart; files that
     git does not know of are not looked at. An installed package may lie in somebody else's checkout, in a virtual
@@ -22,6 +23,26 @@ def commit() -> str | None:
         return None if name is None else name.decode()
     changes = _git(root, "diff", "--no-ext-diff", "--no-textconv", "--full-index", "HEAD") or b""
     return f"{name.decode()}-{hashlib.sha256(changes).hexdigest()[:12]}"
+
+
+def machine() -> dict[str, str | int]:
+    """The machine that this process runs on: CPU model, number of its cores, operating system, Python version."""
+    return {
+        "cpu": _cpu_model(),
+        "cores": os.cpu_count() or 1,
+        "os": platform.platform(),
+        "python": platform.python_version(),
+    }
+
+
+def _cpu_model() -> str:
+    """Linux tells the model in /proc only; elsewhere what Python knows."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        lines = []
+    models = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(models, "") or platform.processor() or platform.machine()
 
 
 def _git(directory: Path, *arguments: str) -> bytes | None:

@@ -13,6 +13,7 @@ from tests.eval import jobs
 from train.arena.config import ArenaConfig
 from vuca_nav.errors import BadArgument, UnknownName
 from vuca_nav.policy.dynamic_window import DynamicWindowConfig
+from vuca_nav.provenance import machine
 from vuca_nav.shield.futures import FuturesConfig
 from vuca_nav.shield.shield import ShieldConfig
 
@@ -57,6 +58,21 @@ def test_nothing_is_run_twice(tmp_path):
     evaluation = evaluate(IDENTITY, CONFIGS, tmp_path, workers=1, job=jobs.episode_that_kills_its_worker)
     assert not evaluation.crashes
     assert len(evaluation.rows) == len(CONFIGS)
+
+
+def test_every_run_is_noted_with_its_command_and_machine(tmp_path, monkeypatch):
+    def runs():
+        return json.loads((tmp_path / "config.json").read_text())["runs"]
+
+    evaluate(IDENTITY, CONFIGS[:2], tmp_path, workers=1, command="vuca eval smoke", job=jobs.episode_by_hash)
+    (first,) = runs()
+    assert (first["command"], first["machine"]) == ("vuca eval smoke", machine())
+    evaluate(IDENTITY, CONFIGS[:2], tmp_path, workers=1, command="nothing to do", job=jobs.episode_by_hash)
+    assert runs() == [first]
+    (tmp_path / "episodes.jsonl").write_text("")
+    monkeypatch.setattr("eval.evaluate.machine", lambda: {"cpu": "another"})  # which may go on
+    evaluate(IDENTITY, CONFIGS[:2], tmp_path, workers=1, command="again", job=jobs.episode_by_hash)
+    assert [run["machine"]["cpu"] for run in runs()] == [first["machine"]["cpu"], "another"]
 
 
 def test_a_crash_is_reported_with_its_configuration_and_the_others_go_on(tmp_path, capfd):

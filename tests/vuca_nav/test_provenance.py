@@ -1,6 +1,8 @@
+import os
 import subprocess
+import sys
 
-from vuca_nav.provenance import commit
+from vuca_nav.provenance import commit, machine
 
 
 def git(directory, *arguments):
@@ -30,3 +32,10 @@ def test_the_commit_is_ours_not_that_of_a_repository_around_us(tmp_path, monkeyp
     installed.mkdir(parents=True)
     monkeypatch.setattr("vuca_nav.provenance.__file__", str(installed / "provenance.py"))
     assert commit() is None
+
+
+def test_a_machine_has_a_name_and_cores():
+    told = machine()
+    assert str(told["cpu"]).strip()
+    assert told["cores"] == os.cpu_count()
+    assert told["python"] == ".".join(map(str, sys.version_info[:3]))
