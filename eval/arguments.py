@@ -102,6 +102,28 @@ class EvalArguments(DriverArguments):
     """End with one JSON object on stdout, the summary."""
 
 
+@dataclass(frozen=True)
+class CompareArguments:
+    """Compare evaluations in the episodes that they share: paired differences of each outcome."""
+
+    folders: tyro.conf.Positional[tuple[Path, ...]]
+    """Directories of vuca eval, complete or not; each is compared with the first."""
+    seeds: Annotated[str | None, _optional("A:B")] = None
+    """Only the seeds A to B - 1."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportArguments:
+    """Write a Markdown page for each evaluation, and an index with their paired differences."""
+
+    folders: tyro.conf.Positional[tuple[Path, ...]]
+    """Directories of vuca eval, complete or not; their names name the pages."""
+    out: Path
+    """Directory of the pages, as docs/results; pages of the same names are written over."""
+    json: bool = False
+    """End with one JSON object on stdout, the files written."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class HeatmapArguments(EpisodeArguments):
     """Draw what the critic makes of every place around the robot as a goal, V^h, at one moment of a run."""

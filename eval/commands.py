@@ -11,11 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 from eval.arguments import (
     BenchArguments,
+    CompareArguments,
     DriverArguments,
     EpisodeArguments,
     EvalArguments,
     HeatmapArguments,
     ListArguments,
+    ReportArguments,
     RunArguments,
     SceneArguments,
 )
@@ -99,6 +101,34 @@ def eval_(argv: list[str]) -> int:
         print(f"vuca eval: crashed: {crash.error} in {crash.config}", file=sys.stderr)
     _print_json(json.loads((arguments.out / "summary.json").read_text()), arguments.json)
     return 1 if evaluation.crashes else 0
+
+
+def compare(argv: list[str]) -> int:
+    """Compare evaluations in the episodes that they share: paired differences of each outcome."""
+    arguments = parse(CompareArguments, "compare", argv)
+    from eval.analysis.compare import compare, read_episodes, table
+    from eval.suites import parse_seeds
+
+    if len(arguments.folders) < 2:
+        raise BadArgument(f"give two or more evaluations to compare, got {len(arguments.folders)}")
+    seeds = None if arguments.seeds is None else parse_seeds(arguments.seeds)
+    first, *others = [(folder.name, read_episodes(folder, seeds)) for folder in arguments.folders]
+    for name, episodes in others:
+        print(table(name, first[0], compare(first[1], episodes)), end="\n\n")
+    return 0
+
+
+def report(argv: list[str]) -> int:
+    """Write a Markdown page for each evaluation, and an index with their paired differences."""
+    arguments = parse(ReportArguments, "report", argv)
+    from eval.analysis.report import write_reports
+
+    if not arguments.folders:
+        raise BadArgument("give one or more directories of vuca eval")
+    written = write_reports(arguments.folders, arguments.out)
+    print(f"{len(written)} pages: {written[0]}")
+    _print_json({"files": [str(path) for path in written]}, arguments.json)
+    return 0
 
 
 def heatmap(argv: list[str]) -> int:

@@ -44,7 +44,7 @@ def room(tmp_path_factory) -> Path:
 def test_help_lists_every_command_with_a_line():
     result = vuca("--help")
     assert result.returncode == 0
-    for name in ("run", "list", "eval", "bench"):
+    for name in ("run", "list", "eval", "compare", "report", "bench"):
         assert any(line.startswith(f"  {name} ") and len(line) > 20 for line in result.stdout.splitlines())
 
 
@@ -162,6 +162,10 @@ MISTAKES = [
     (["run", "--world", "missing.yaml"], "missing.yaml: No such file"),
     (["list", "planets"], "planets"),
     (["eval", "smoke"], "--out"),
+    (["compare", "one"], "give two or more evaluations"),
+    (["compare", "none", "other"], "none/episodes.jsonl is not a list of episodes"),
+    (["report", "none"], "--out"),
+    (["report", "none", "--out", "out"], "none/config.json cannot be read: No such file or directory"),
     (["eval", "smok", "--out", "out"], "unknown suite 'smok'; did you mean 'smoke'?"),
     (["eval", "smoke", "--out", "out", "--seeds", "junk"], "--seeds must be A:B"),
     (["eval", "smoke", "--out", "out", "--workers", "0"], "--workers must be 1 or more"),

@@ -71,6 +71,26 @@ def paired_difference(
     return float(differences.mean()), max(-1.0, middle - half), min(1.0, middle + half)
 
 
+def mcnemar_exact(first: NDArray[np.bool_], second: NDArray[np.bool_]) -> float:
+    """Two-sided p-value of McNemar's exact test that two methods succeed equally often in the same episodes.
+
+    Of the episodes in which only one of them succeeds, each is as likely the one's as the other's under the hypothesis:
+    twice the smaller tail of a binomial distribution with one half (McNemar 1947; Fay 2010, "Two-sided exact tests and
+    matching confidence intervals for discrete data"). The episodes must be independent of each other.
+
+    Args:
+        first: (n,)
+        second: (n,)
+
+    Returns:
+        The p-value; 1 if no episode tells them apart.
+    """
+    gained, lost = int((second & ~first).sum()), int((first & ~second).sum())
+    n = gained + lost
+    tail = sum(math.comb(n, k) for k in range(min(gained, lost) + 1))
+    return min(1.0, 2 * tail / 2**n)
+
+
 def resampled_totals(
     sums: NDArray[np.floating], strata: NDArray[np.integer], draws: int, rng: np.random.Generator
 ) -> NDArray[np.floating]:

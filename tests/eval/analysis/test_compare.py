@@ -1,12 +1,11 @@
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 
-from eval.analysis.compare import CompareArguments, compare, main, read_episodes, table
+from eval.analysis.compare import compare, read_episodes, table
 from eval.analysis.statistics import paired_difference
+from eval.commands import compare as compare_command
 from vuca_nav.errors import BadArgument
 
 TASK = {"world": "square", "region": None, "movers": 8, "without": "", "robot": "go2", "start": None, "goal": None}
@@ -78,19 +77,35 @@ def test_a_body_that_falls_less_is_seen_to(tmp_path):
 
 def test_only_some_seeds(tmp_path):
     a = evaluation(tmp_path / "a", ["success"] * 6)
-    assert len(read_episodes(a, (2, 5))) == 3
+    assert len(read_episodes(a, range(2, 5))) == 3
     with pytest.raises(BadArgument, match="of these seeds"):
-        read_episodes(a, (7, 9))
+        read_episodes(a, range(7, 9))
+
+
+def test_p_values_are_of_independent_pairs(tmp_path):
+    a, b = tmp_path / "a", tmp_path / "b"
+    for movers in (8, 16):
+        evaluation(a, ["collision"] * 5, movers=movers)
+        evaluation(b, ["success"] * 5, movers=movers)
+    differences = compare(read_episodes(a), read_episodes(b))
+    assert differences["go2, square, 8 movers"].p["success"] == 0.0625
+    assert differences["all"].p["success"] is None
+    task, _, every = table("b", "a", differences).splitlines()[4:]
+    assert "| +100 [" in task
+    assert "p = 0.062 |" in task
+    assert "p" not in every.partition("seeds |")[2]
 
 
 def test_what_cannot_be_compared_is_said(tmp_path):
     a = evaluation(tmp_path / "a", ["success"])
     with pytest.raises(BadArgument, match="two or more"):
-        main(CompareArguments((a,)))
+        compare_command([str(a)])
     with pytest.raises(BadArgument, match=r"none.*episodes\.jsonl"):
-        main(CompareArguments((a, tmp_path / "none")))
+        compare_command([str(a), str(tmp_path / "none")])
     with pytest.raises(BadArgument, match="in common"):
-        main(CompareArguments((a, evaluation(tmp_path / "b", ["success"], robot="tiago"))))
+        compare_command([str(a), str(evaluation(tmp_path / "b", ["success"], robot="tiago"))])
+    with pytest.raises(BadArgument, match="--seeds must be A:B"):
+        compare_command([str(a), str(a), "--seeds", "3"])
     (tmp_path / "a" / "episodes.jsonl").write_text("[1]\n")
     with pytest.raises(BadArgument, match="not a list of episodes"):
         read_episodes(a)
@@ -98,13 +113,7 @@ def test_what_cannot_be_compared_is_said(tmp_path):
 
 def test_the_table_is_printed(tmp_path, capsys):
     a, b = (evaluation(tmp_path / name, ["success", "collision"]) for name in "ab")
-    main(CompareArguments((a, b)))
-    assert "`b` less `a`" in capsys.readouterr().out
-
-
-def test_a_mistake_is_a_line_and_exit_code_2(tmp_path):
-    command = [sys.executable, "-m", "eval.analysis.compare", str(tmp_path / "none"), str(tmp_path / "other")]
-    result = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert result.returncode == 2
-    assert result.stderr.startswith("compare: ")
-    assert result.stderr.count("\n") == 1
+    assert compare_command([str(a), str(b), "--seeds", "0:1"]) == 0
+    printed = capsys.readouterr().out
+    assert "`b` less `a`" in printed
+    assert "| go2, square, 8 movers | 1 |" in printed

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eval.analysis.statistics import mean, paired_difference, resampled_totals, wilson_interval
+from eval.analysis.statistics import mcnemar_exact, mean, paired_difference, resampled_totals, wilson_interval
 
 
 @pytest.mark.parametrize(
@@ -111,6 +111,25 @@ def test_the_interval_over_clusters_holds_what_is_true():
             holds[name] += low <= 0.0 <= high
     assert holds["clusters"] / trials == pytest.approx(0.95, abs=0.025)
     assert holds["pairs"] / trials < 0.8
+
+
+def pairs(both: int, gained: int, lost: int, neither: int):
+    first = np.repeat([True, False, True, False], [both, gained, lost, neither])
+    return first, np.repeat([True, True, False, False], [both, gained, lost, neither])
+
+
+@pytest.mark.parametrize(
+    ("gained", "lost", "p"),
+    [
+        (2, 9, 0.06543),  # Fay 2010, the vignette of exact2x2: a table of 21, 9, 2 and 12
+        (9, 2, 0.06543),
+        (0, 5, 0.0625),  # 2 / 2^5
+        (4, 4, 1.0),
+        (0, 0, 1.0),
+    ],
+)
+def test_exact_mcnemar(gained, lost, p):
+    assert mcnemar_exact(*pairs(21, gained, lost, 12)) == pytest.approx(p, abs=5e-6)
 
 
 def test_resampled_totals():

@@ -1,0 +1,205 @@
+"""Reports of evaluations as Markdown: ``vuca report DIR... --out OUT`` writes a page for each directory and an index.
+
+A page says what was run (command, commit, seeds, machine) and what came of it; the index compares the evaluations that
+hold the same episodes, pair by pair. The same directories give the same bytes.
+"""
+
+import itertools
+import shlex
+from collections.abc import Iterable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from eval.analysis.compare import compare, read_episodes, table
+from eval.analysis.summary import is_result, statistics_of, summarise
+from eval.episode import OUTCOMES
+from eval.methods import title_of
+from eval.store import Row, StoredConfig, read_config
+from vuca_nav.errors import BadArgument
+from vuca_nav.files import prepare_directory, write_whole
+
+INDEX = "index"
+LIBRARIES = ("vuca-nav", "mujoco", "numpy", "numba", "scipy")
+"""Whose versions a page names, as ``eval.runner.provenance`` records them."""
+
+
+class Evaluation(NamedTuple):
+    """An evaluation as its directory holds it."""
+
+    name: str
+    """Of the directory."""
+    stored: StoredConfig
+    episodes: dict[str, Row]
+    """Rows by what makes them the same episode."""
+
+    @property
+    def method(self) -> str:
+        """The method as it is typed, options included."""
+        return title_of(str(self.stored.config.get("method")), self.stored.config.get("options") or {})
+
+
+def read_evaluation(directory: Path) -> Evaluation:
+    """Read the directory of an evaluation, complete or not.
+
+    Raises:
+        BadArgument: It is none.
+    """
+    stored, episodes = read_config(directory), read_episodes(directory)
+    for row in episodes.values():
+        if not is_result(row):
+            raise BadArgument(f"{directory / 'episodes.jsonl'} has a row that is not the result of an episode: {row}")
+    return Evaluation(directory.resolve().name, stored, episodes)
+
+
+def write_reports(directories: Sequence[Path], out: Path) -> list[Path]:
+    """Write a page for each evaluation, and an index with their paired differences.
+
+    Args:
+        directories: Of evaluations; their names name the pages.
+        out: Directory of the pages.
+
+    Returns:
+        The files that were written, the index first.
+
+    Raises:
+        BadArgument: A directory is no evaluation, two have the same name, or ``out`` cannot be written.
+    """
+    evaluations = sorted((read_evaluation(directory) for directory in directories), key=lambda each: each.name)
+    names = [evaluation.name for evaluation in evaluations]
+    for name in names:
+        if [*names, INDEX].count(name) > 1:
+            raise BadArgument(f"there would be two pages named {name}.md; rename one of the directories")
+    prepare_directory(out)
+    pages = {INDEX: index_of(evaluations), **{evaluation.name: page_of(evaluation) for evaluation in evaluations}}
+    for name, text in pages.items():
+        write_whole(out / f"{name}.md", text)
+    return [out / f"{name}.md" for name in pages]
+
+
+def page_of(evaluation: Evaluation) -> str:
+    """The page of an evaluation: what was run, and what came of it."""
+    rows = list(evaluation.episodes.values())
+    lines = [
+        f"# {evaluation.name}",
+        "",
+        *_what_was_run(evaluation),
+        "",
+        "## Outcomes",
+        "",
+        *_outcomes(rows, evaluation.method),
+    ]
+    ways = _ways(rows)
+    if ways:
+        lines += ["", "## Ways to the goal", "", *ways]
+    return _text(lines)
+
+
+def index_of(evaluations: Sequence[Evaluation]) -> str:
+    """The index: the evaluations with their success, and paired differences of those that share episodes."""
+    lines = [
+        "# Evaluations",
+        "",
+        "Written by `vuca report`; each page names its command, commit, seeds and machine.",
+        "",
+    ]
+    cells = []
+    for evaluation in evaluations:
+        total = statistics_of(list(evaluation.episodes.values()))
+        suite, robot = evaluation.stored.config.get("suite"), evaluation.stored.config.get("robot")
+        link = f"[{evaluation.name}]({evaluation.name}.md)"
+        cells.append([link, suite, robot, f"`{evaluation.method}`", total["n"], _rate(total["success"])])
+    lines += _table(("evaluation", "suite", "robot", "method", "episodes", "success, 95%"), cells)
+    for first, second in itertools.combinations(evaluations, 2):
+        if first.episodes.keys() & second.episodes.keys():
+            differences = compare(first.episodes, second.episodes)
+            lines += ["", f"## {second.name} against {first.name}", ""]
+            lines += [table(second.name, first.name, differences)]
+    return _text(lines)
+
+
+def _what_was_run(evaluation: Evaluation) -> list[str]:
+    config, made_by, runs = evaluation.stored
+    seeds, asked = config.get("seeds"), config.get("episodes")
+    began = sorted(str(run.get("began")) for run in runs)
+    commands, machines = (_unique(tell(run) for run in runs) for tell in (partial(_command, evaluation.name), _machine))
+    facts: list[tuple[str, Any]] = [("command", command) for command in commands]
+    facts += [
+        ("commit", made_by.get("commit") or "unknown"),
+        ("suite", config.get("suite")),
+        ("seeds", f"{seeds[0]} to {seeds[1] - 1}" if seeds else "unknown"),
+        ("episodes", f"{len(evaluation.episodes)} of {asked}"),
+        ("robot", config.get("robot")),
+        ("method", f"`{evaluation.method}`"),
+    ]
+    facts += [("machine", machine) for machine in machines]
+    facts += [("libraries", ", ".join(f"{name} {made_by[name]}" for name in LIBRARIES if name in made_by))]
+    facts += [("date", " to ".join(_unique([began[0][:10], began[-1][:10]])))] if began else []
+    return _table(("", ""), facts)
+
+
+def _command(name: str, run: Row) -> str:
+    """The command, its directory of results named without the place where that lies on one machine."""
+    words = shlex.split(str(run.get("command") or ""))
+    for k, word in enumerate(words):
+        if word == "--out" and k + 1 < len(words):
+            words[k + 1] = f"runs/{name}"
+        elif word.startswith("--out="):
+            words[k] = f"--out=runs/{name}"
+    return f"`{shlex.join(words)}`" if words else "unknown"
+
+
+def _machine(run: Row) -> str:
+    machine = run.get("machine") or {}
+    cpu, cores, system, python = (machine.get(name, "unknown") for name in ("cpu", "cores", "os", "python"))
+    return f"{cpu}, {cores} cores, {system}, Python {python}"
+
+
+def _outcomes(rows: Sequence[Row], method: str) -> list[str]:
+    header = ("world", "robot", "method", "episodes", *OUTCOMES, "mean time [s]", "SPL", "way per collision [m]")
+    cells = [[_world(group), group["robot"], f"`{method}`", *_figures(group)] for group in summarise(rows)]
+    if len(cells) > 1:
+        cells.append(["all", "", "", *_figures(statistics_of(rows))])
+    note = "Counts with Wilson's 95% intervals; the mean time is of the episodes that arrived."
+    return [note, "", *_table(header, cells)]
+
+
+def _world(group: Row) -> str:
+    region = "" if group["region"] is None else f" {group['region']}"
+    movers = "" if group["movers"] is None else f", {group['movers']} movers"
+    return f"{group['world']}{region}{movers}" + (f", without {group['without']}" if group["without"] else "")
+
+
+def _figures(group: Row) -> list[Any]:
+    outcomes = [_rate(group[outcome]) for outcome in OUTCOMES]
+    means = ((group["arriving_time"], 1), (group["spl"], 3), (group["way_per_collision"], 0))
+    return [group["n"], *outcomes, *("-" if mean is None else f"{mean:.{digits}f}" for mean, digits in means)]
+
+
+def _rate(outcome: Row) -> str:
+    low, high = outcome["interval"]
+    return f"{outcome['count']} [{100 * low:.0f}, {100 * high:.0f}%]"
+
+
+def _ways(rows: Sequence[Row]) -> list[str]:
+    """A table of the ways that were entered first, in the worlds that name theirs."""
+    cells = [
+        [_world(group), way, _rate(entered)] for group in summarise(rows) for way, entered in group["ways"].items()
+    ]
+    return _table(("world", "way", "entered first"), cells) if cells else []
+
+
+def _table(header: Sequence[str], cells: Sequence[Sequence[Any]]) -> list[str]:
+    return [_line(header), "|" + "---|" * len(header), *(_line(row) for row in cells)]
+
+
+def _line(cells: Sequence[Any]) -> str:
+    return f"| {' | '.join(str(cell).replace('|', chr(92) + '|') for cell in cells)} |"
+
+
+def _unique(values: Iterable[str]) -> list[str]:
+    return list(dict.fromkeys(values))
+
+
+def _text(lines: Sequence[str]) -> str:
+    return "\n".join([*lines, ""])
