@@ -80,10 +80,11 @@ def _train_locomotion(argv: list[str]) -> int:
         raise BadArgument(f"--threads must be 1 or more, got {arguments.threads}")
     out = arguments.out or Path("runs") / arguments.robot
     from robots.registry import find_quadruped
-    from train.locomotion.training import STEPS, Training, TrainingConfig
+    from train.locomotion.config import STEPS, TrainingConfig
+    from train.locomotion.training import GaitTraining
 
     config = TrainingConfig(seed=arguments.seed, steps=STEPS if arguments.steps is None else arguments.steps)
-    training = Training(find_quadruped(arguments.robot), config, out, resume=arguments.resume, threads=threads)
+    training = GaitTraining(find_quadruped(arguments.robot), config, out, resume=arguments.resume, threads=threads)
     training.run()
-    print(f"weights: {out / training.robot.weights}")
+    print(f"weights: {training.weights}")
     return 0

@@ -12,14 +12,14 @@ def calls(monkeypatch, tmp_path):
 
     class Run:
         def __init__(self, robot, config, out, *, resume, threads):
-            self.robot = robot
+            self.weights = out / robot.weights
             made.append((config, out, resume, threads))
 
         def run(self):
             pass
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("train.locomotion.training.Training", Run)
+    monkeypatch.setattr("train.locomotion.training.GaitTraining", Run)
     return made
 
 

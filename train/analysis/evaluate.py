@@ -19,7 +19,7 @@ from tqdm import tqdm
 from eval.analysis.statistics import paired_difference
 from train.analysis.episodes import EpisodeRecords, Evaluation
 from train.analysis.local_policies import ArenaPolicies, ArenaShield
-from train.analysis.page import AS_IT_IS, markdown, row_names, summary
+from train.analysis.page import AS_IT_IS, GateUse, markdown, row_names, summary
 from train.arena.config import KINDS, ArenaConfig
 from vuca_nav.cli import run_module
 from vuca_nav.errors import BadArgument
@@ -63,17 +63,6 @@ class EvaluateArguments:
 
 STACK_RATE = 30
 """Of decisions on a robot [Hz]."""
-
-
-class GateUse(NamedTuple):
-    """How a gate was used in one kind of world."""
-
-    mean: list[float]
-    """Share of each expert."""
-    entropy: float
-    """Mean over the decisions [nat]."""
-    information: float
-    """Mutual information of observation and expert [nat]: 0 if the gate is the same whatever is seen."""
 
 
 class Played(NamedTuple):
@@ -268,7 +257,7 @@ def main(arguments: EvaluateArguments) -> None:
     prepare_directory(arguments.out)
     results = evaluate(arguments)
     write_whole(arguments.out / "evaluation.json", json.dumps(results, indent=2) + "\n")
-    text = markdown(results, arguments)
+    text = markdown(results, arguments.kinds, arguments.episodes, arguments.seed)
     write_whole(arguments.out / "evaluation.md", text)
     print(text)
 

@@ -1,22 +1,27 @@
 """What an evaluation of policies tells: names of its rows, what is in them, and the page of tables."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 from eval.analysis.statistics import wilson_interval
 from train.analysis.episodes import EpisodeRecords
 from vuca_nav.errors import BadArgument
 
-if TYPE_CHECKING:
-    from train.analysis.evaluate import EvaluateArguments, GateUse
-
-
 AS_IT_IS = "as it is"
 """The variant of a policy with its own gate and no shield, and of the dynamic window."""
+
+
+class GateUse(NamedTuple):
+    """How a gate was used in one kind of world."""
+
+    mean: list[float]
+    """Share of each expert."""
+    entropy: float
+    """Mean over the decisions [nat]."""
+    information: float
+    """Mutual information of observation and expert [nat]: 0 if the gate is the same whatever is seen."""
 
 
 def row_names(files: Sequence[Path]) -> list[str]:
@@ -56,10 +61,17 @@ def summary(records: EpisodeRecords, gate: GateUse | None = None) -> dict:
     }  # fmt: skip
 
 
-def markdown(results: dict, arguments: EvaluateArguments) -> str:
-    """The results as tables, one for each kind of world."""
-    lines = [f"{arguments.episodes} episodes of seed {arguments.seed} in each kind of world, the same for all.", ""]
-    for kind in arguments.kinds:
+def markdown(results: dict, worlds: Sequence[str], episodes: int, seed: int) -> str:
+    """The results as tables.
+
+    Args:
+        results: As ``evaluate`` returns them.
+        worlds: Their kinds, a table each.
+        episodes: In each kind of world.
+        seed: Of the episodes.
+    """
+    lines = [f"{episodes} episodes of seed {seed} in each kind of world, the same for all.", ""]
+    for kind in worlds:
         lines += [
             f"## {kind}", "",
             "| policy | success % | crash % | time-out % | time [s] | ARSPS | ANSPS x 1000 | gate | gate entropy, "

@@ -14,7 +14,7 @@ def draw_curves(rows: list[dict], picture: Path) -> None:
 
     figure, (left, right) = plt.subplots(1, 2, figsize=(8, 3), layout="constrained")
     for key, label in (("loss", "critic, before it learns from the round"), ("baseline", "one chance for everything")):
-        left.plot([row["round"] for row in rows], [row[key] for row in rows], lw=1, label=label)
+        left.plot([row["iteration"] for row in rows], [row[key] for row in rows], lw=1, label=label)
     left.set(title="cross entropy", xlabel="round")
     left.legend(fontsize=7)
     count = np.sum([row["count"] for row in rows[-10:]], axis=0)

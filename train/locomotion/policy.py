@@ -6,18 +6,16 @@ from pathlib import Path
 import numpy as np
 import torch
 from safetensors.numpy import save
-from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
-from torchrl.modules import ProbabilisticActor, ValueOperator
 
 from robots.locomotion.config import QuadrupedConfig
 from robots.locomotion.kernels import ACTION_SIZE, OBSERVATION_SIZE
 from robots.locomotion.network import CLIP, FORMAT, gait_contract
 from train.locomotion.kernels import CRITIC_SIZE
-from train.ppo.distribution import DiagonalNormal
 from vuca_nav.files import write_whole
 
 _SWAPPED_LEGS = [3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8]
+_LEAST_LOG_STD, _MOST_LOG_STD = -3.0, 0.0
 _LEG_SIGNS = [-1.0, 1.0, 1.0] * 4
 
 
@@ -76,12 +74,21 @@ class Normaliser(nn.Module):
         return ((x - self.mean) * self.scale()).clamp(-CLIP, CLIP)
 
 
-def _perceptron(inputs: int, hidden: int, outputs: int, gain: float, generator: torch.Generator) -> nn.Sequential:
-    layers = [nn.Linear(inputs, hidden), nn.Linear(hidden, hidden), nn.Linear(hidden, outputs)]
-    for layer, g in zip(layers, (1.41, 1.41, gain)):
-        nn.init.orthogonal_(layer.weight, g, generator=generator)
-        nn.init.zeros_(layer.bias)
-    return nn.Sequential(layers[0], nn.ELU(), layers[1], nn.ELU(), layers[2])
+class Perceptron(nn.Sequential):
+    """Two hidden layers with ELU; first weights from the generator."""
+
+    def __init__(self, sizes: tuple[int, int, int], gain: float, generator: torch.Generator):
+        inputs, hidden, outputs = sizes
+        layers = [nn.Linear(inputs, hidden), nn.Linear(hidden, hidden), nn.Linear(hidden, outputs)]
+        for layer, g in zip(layers, (1.41, 1.41, gain)):
+            nn.init.orthogonal_(layer.weight, g, generator=generator)
+            nn.init.zeros_(layer.bias)
+        super().__init__(layers[0], nn.ELU(), layers[1], nn.ELU(), layers[2])
+
+    @classmethod
+    def critic(cls, generator: torch.Generator, hidden: int) -> "Perceptron":
+        """(n, CRITIC_SIZE), normalised, to values (n, 1)."""
+        return cls((CRITIC_SIZE, hidden, 1), 1.0, generator)
 
 
 class ActorNetwork(nn.Module):
@@ -89,26 +96,17 @@ class ActorNetwork(nn.Module):
 
     def __init__(self, generator: torch.Generator, hidden: int, initial_std: float):
         super().__init__()
-        self.layers = _perceptron(OBSERVATION_SIZE, hidden, ACTION_SIZE, 0.01, generator)
+        self.layers = Perceptron((OBSERVATION_SIZE, hidden, ACTION_SIZE), 0.01, generator)
         self.log_std = nn.Parameter(torch.full((ACTION_SIZE,), float(np.log(initial_std))))
+
+    def std(self) -> Tensor:
+        """Standard deviation of each action, (ACTION_SIZE,)."""
+        return self.log_std.clamp(_LEAST_LOG_STD, _MOST_LOG_STD).exp()
 
     def forward(self, observation: Tensor) -> tuple[Tensor, Tensor]:
         """(n, OBSERVATION_SIZE) to twice (n, ACTION_SIZE)."""
         mean = self.layers(observation)
-        return mean, self.log_std.clamp(-3.0, 0.0).exp().expand_as(mean)
-
-
-def make_actor(generator: torch.Generator, hidden: int = 128, initial_std: float = 0.5) -> ProbabilisticActor:
-    """Reads "observation" (normalised), writes "action" and "action_log_prob"; first weights from the generator."""
-    module = TensorDictModule(ActorNetwork(generator, hidden, initial_std), ["observation"], ["loc", "scale"])
-    return ProbabilisticActor(
-        module, in_keys=["loc", "scale"], distribution_class=DiagonalNormal, return_log_prob=True
-    )  # fmt: skip
-
-
-def make_critic(generator: torch.Generator, hidden: int = 128) -> ValueOperator:
-    """Reads "privileged" (normalised), writes "state_value"; first weights from the generator."""
-    return ValueOperator(_perceptron(CRITIC_SIZE, hidden, 1, 1.0, generator), in_keys=["privileged"])
+        return mean, self.std().expand_as(mean)
 
 
 def export(

@@ -4,21 +4,18 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import torch
 
 from train.arena.rewards import TERMS, find_rewards
+from train.navigation.config import RunConfig
 from train.navigation.stages import StageConfig
 from vuca_nav.files import write_whole
 
-if TYPE_CHECKING:
-    from train.navigation.training import RunConfig
-
 
 def write_card(
-    path: Path, stage: StageConfig, run: "RunConfig", commits: Sequence[str], steps: int, seconds: float,
-    log: list[dict[str, float]],
+    path: Path, stage: StageConfig, run: RunConfig, commits: Sequence[str], seconds: float,
+    log: list[dict],
 ) -> None:  # fmt: skip
     """Write the Markdown page of a finished run.
 
@@ -27,10 +24,10 @@ def write_card(
         stage: What was learnt.
         run: From what, by whom.
         commits: At which it ran, one after another.
-        steps: Decisions made.
         seconds: The training took.
         log: Its rows.
     """
+    steps: int = log[-1]["steps"]
     tail = log[-max(len(log) // 50, 1) :]
 
     def last(key: str) -> float:

@@ -12,9 +12,10 @@ import tyro
 from train.critic.config import CriticConfig
 from train.critic.training import NAME as CRITIC
 from train.critic.training import CriticTraining
+from train.navigation.config import Collector, RunConfig
 from train.navigation.environment import ArenaEnvironment
 from train.navigation.stages import EVERYTHING, StageConfig, find_stage, from_scratch
-from train.navigation.training import Collector, RunConfig, Training, even_workers
+from train.navigation.training import NavigationTraining, even_workers
 from vuca_nav.cli import parse
 from vuca_nav.errors import BadArgument
 from vuca_nav.policy.weights_file import WEIGHTS_FOLDER
@@ -98,7 +99,7 @@ def _train(stage: StageConfig, arguments: NavigationArguments, command: str) -> 
     if workers is None:
         workers = even_workers(stage.ppo, _cores())[-1]
     run = RunConfig(arguments.seed, workers, sources, command, arguments.collector)
-    training = Training(stage, run, arguments.out / stage.name, ArenaEnvironment, resume=arguments.resume)
+    training = NavigationTraining(stage, run, arguments.out / stage.name, ArenaEnvironment, resume=arguments.resume)
     training.run()
     print(f"weights: {training.weights}")
 

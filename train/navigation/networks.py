@@ -6,11 +6,8 @@ from dataclasses import dataclass
 from typing import Literal, cast
 
 import torch
-from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
-from torchrl.modules import ProbabilisticActor, ValueOperator
 
-from train.ppo.distribution import DiagonalNormal
 from vuca_nav.checks import check_counts, check_fields
 
 ACTION_SIZE = 3
@@ -125,16 +122,3 @@ def _linear(inputs: int, outputs: int, gain: float, generator: torch.Generator) 
     nn.init.orthogonal_(layer.weight, gain, generator)
     nn.init.zeros_(layer.bias)
     return layer
-
-
-def as_policy(actor: FusedActor) -> ProbabilisticActor:
-    """For TorchRL: reads "observation" and "gate"."""
-    module = TensorDictModule(actor, ["observation", "gate"], ["loc", "scale"])
-    return ProbabilisticActor(
-        module, in_keys=["loc", "scale"], distribution_class=DiagonalNormal, return_log_prob=True
-    )  # fmt: skip
-
-
-def as_value(critic: nn.Module) -> ValueOperator:
-    """For TorchRL: reads "observation", writes "state_value"."""
-    return ValueOperator(critic, in_keys=["observation"])

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from train.arena.config import ArenaConfig
-from train.navigation.learner import PpoConfig
+from train.navigation.config import NavigationPpoConfig
 from train.navigation.networks import NetworkConfig
 from vuca_nav.checks import check_counts, check_fields, check_not_negative
 from vuca_nav.errors import UnknownName
@@ -24,7 +24,7 @@ class StageConfig:
     arena: ArenaConfig
     observation: ObservationConfig
     network: NetworkConfig
-    ppo: PpoConfig
+    ppo: NavigationPpoConfig
     steps: int
     """Decisions to be made, of all worlds together."""
     sources: tuple[str, ...] = ()
@@ -41,10 +41,10 @@ class StageConfig:
 
 
 _PAPER, _TRACKED = ObservationConfig(), ObservationConfig(kind="tracked")
-_FIRST = PpoConfig()
-_WARM = PpoConfig(first_rate=6e-4, critic_first=10)
-_SECOND = PpoConfig(horizon=64, minibatch=4096, first_rate=6e-4, last_rate=5e-5, entropy=0.0, critic_first=10)
-_SECOND_FROM_SCRATCH = PpoConfig(horizon=64, minibatch=4096, first_rate=1e-3, last_rate=5e-5)
+_FIRST = NavigationPpoConfig()
+_WARM = NavigationPpoConfig(first_rate=6e-4, critic_first=10)
+_SECOND = NavigationPpoConfig(horizon=64, minibatch=4096, first_rate=6e-4, last_rate=5e-5, entropy=0.0, critic_first=10)
+_SECOND_FROM_SCRATCH = NavigationPpoConfig(horizon=64, minibatch=4096, first_rate=1e-3, last_rate=5e-5)
 _FOUR = NetworkConfig(experts=4, initial_std=0.25)
 _CAREFUL = ArenaConfig(static=0.22, dynamic=0.2, mixed=0.15, square=0.08, corridor=0.35)
 """Corridors, where most collisions are, more than twice as often; of the others but ``static`` less."""

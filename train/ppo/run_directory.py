@@ -20,78 +20,107 @@ NOT_KNOWN = "not known"
 """In place of a commit, of a run that began before commits were noted, or away from a checkout."""
 
 
-def open_run(out: Path, contract: dict, *, resume: bool) -> None:
-    """Make a run's directory, or see that the run in it is the same.
+class RunDirectory:
+    """A run's files.
 
     Args:
-        out: The directory.
-        contract: What a run depends on, as JSON holds it; kept in ``config.json``.
+        out: The directory; made if it is not there.
+        contract: What the run depends on, as JSON holds it; kept in ``config.json``.
         resume: Go on with what is in ``out``, if anything is.
 
     Raises:
         BadArgument: If ``out`` holds a run and it shall not be resumed, or one of another contract, or cannot be
             written.
     """
-    prepare_directory(out)
-    config = out / CONFIG
-    if not (out / CHECKPOINT).exists():
-        write_whole(config, json.dumps(contract, indent=2) + "\n")
-        return
-    if not resume:
-        raise BadArgument(f"{out} holds a training run; go on with it by --resume, or give another --out")
-    try:
-        begun = json.loads(config.read_text())
-    except (OSError, ValueError) as error:
-        raise BadArgument(f"{config} cannot be read: {error}; give another --out") from error
-    if not isinstance(begun, dict):
-        raise BadArgument(f"{config} is not the configuration of a run, which is a JSON object; give another --out")
-    differing = [place for place in _differences(begun, contract) if place not in NOTES]
-    if differing:
-        raise BadArgument(f"{out} holds a run that differs in {', '.join(differing)}; give another --out")
+
+    def __init__(self, out: Path, contract: dict, *, resume: bool):
+        self.path, self.log = out, out / LOG
+        self._checkpoint, self._config = out / CHECKPOINT, out / CONFIG
+        contract = json.loads(json.dumps(contract))  # as it will be read back
+        prepare_directory(out)
+        if not self.begun:
+            write_whole(self._config, json.dumps(contract, indent=2) + "\n")
+            return
+        if not resume:
+            raise BadArgument(f"{out} holds a training run; go on with it by --resume, or give another --out")
+        try:
+            begun = json.loads(self._config.read_text())
+        except (OSError, ValueError) as error:
+            raise BadArgument(f"{self._config} cannot be read: {error}; give another --out") from error
+        if not isinstance(begun, dict):
+            raise BadArgument(
+                f"{self._config} is not the configuration of a run, which is a JSON object; give another --out"
+            )
+        differing = [place for place in _differences(begun, contract) if place not in NOTES]
+        if differing:
+            raise BadArgument(f"{out} holds a run that differs in {', '.join(differing)}; give another --out")
+
+    @property
+    def begun(self) -> bool:
+        """Whether there is a checkpoint."""
+        return self._checkpoint.exists()
+
+    @property
+    def commits(self) -> list[str]:
+        """The commits that the run was at, one after another."""
+        commits = json.loads(self._config.read_text()).get("commits")
+        return [str(at) for at in commits] if isinstance(commits, list) and commits else [NOT_KNOWN]
+
+    def note_commit(self) -> None:
+        """Note that the run goes on from here at the present commit."""
+        config = json.loads(self._config.read_text())
+        begun = self.commits if self.begun else []
+        now = commit() or NOT_KNOWN
+        config["commits"] = begun if begun[-1:] == [now] else [*begun, now]
+        write_whole(self._config, json.dumps(config, indent=2) + "\n")
+
+    def progress(self) -> tuple[int, float]:
+        """Iterations that are done, and the time they took [s]; the log has a row for each of them.
+
+        Raises:
+            BadArgument: If checkpoint or log are damaged.
+        """
+        if not self.begun:
+            return 0, 0.0
+        state = self.load()
+        read_whole_log(self.log, state["done"])
+        return state["done"], state["elapsed"]
+
+    def save(self, learner: dict, done: int, elapsed: float) -> None:
+        """Put a checkpoint in place of the last one.
+
+        Args:
+            learner: Its state: tensors, numbers and text only.
+            done: Iterations.
+            elapsed: [s]
+        """
+        buffer = io.BytesIO()
+        torch.save({"learner": learner, "done": done, "elapsed": elapsed}, buffer)
+        write_whole(self._checkpoint, buffer.getvalue())
+
+    def load(self) -> dict:
+        """What ``save`` was given.
+
+        Raises:
+            BadArgument: If it cannot be read, or lacks a part.
+        """
+        try:
+            state = torch.load(self._checkpoint, weights_only=True)
+            return {key: state[key] for key in ("learner", "done", "elapsed")}
+        except Exception as error:  # torch raises whatever the broken bytes lead to
+            raise BadArgument(f"{self._checkpoint} is not a checkpoint that can be read: {error}") from error
+
+    def cut_log(self, done: int) -> None:
+        """Drop what the log tells of iterations after a checkpoint: they are lost, and will come again."""
+        write_log(self.log, read_log(self.log, done) if done else [])
 
 
-def note_commit(out: Path) -> None:
-    """Note that a run goes on from here at the present commit."""
-    config = json.loads((out / CONFIG).read_text())
-    begun = read_commits(out) if (out / CHECKPOINT).exists() else []
-    now = commit() or NOT_KNOWN
-    config["commits"] = begun if begun[-1:] == [now] else [*begun, now]
-    write_whole(out / CONFIG, json.dumps(config, indent=2) + "\n")
-
-
-def read_commits(out: Path) -> list[str]:
-    """The commits that a run was at, one after another."""
-    commits = json.loads((out / CONFIG).read_text()).get("commits")
-    return [str(at) for at in commits] if isinstance(commits, list) and commits else [NOT_KNOWN]
-
-
-def save_checkpoint(out: Path, state: dict) -> None:
-    """Put a run's checkpoint in place of the last one."""
-    buffer = io.BytesIO()
-    torch.save(state, buffer)
-    write_whole(out / CHECKPOINT, buffer.getvalue())
-
-
-def load_checkpoint(checkpoint: Path, names: Sequence[str]) -> dict:
-    """What is in a checkpoint by these names.
-
-    Raises:
-        BadArgument: If it cannot be read, or lacks one of them.
-    """
-    try:
-        state = torch.load(checkpoint, weights_only=True)
-        return {key: state[key] for key in names}
-    except Exception as error:  # torch raises whatever the broken bytes lead to
-        raise BadArgument(f"{checkpoint} is not a checkpoint that can be read: {error}") from error
-
-
-def read_log(log: Path, last: int | None = None, *, counter: str = "iteration") -> list[dict]:
+def read_log(log: Path, last: int | None = None) -> list[dict]:
     """A run's log; a last line that was torn off is left out.
 
     Args:
         log: JSON lines as a run writes them.
         last: Only the rows up to this one. What came after a checkpoint is lost, and will come again.
-        counter: The field that numbers them.
 
     Raises:
         BadArgument: If it cannot be read, or a line is not a row.
@@ -108,27 +137,26 @@ def read_log(log: Path, last: int | None = None, *, counter: str = "iteration") 
             if number == len(lines):
                 break
             row = None
-        if not isinstance(row, dict) or not isinstance(row.get(counter), int):
+        if not isinstance(row, dict) or not isinstance(row.get("iteration"), int):
             raise BadArgument(f"{log}:{number} is not a row of a log; put it back as it was, or give another --out")
         rows.append(row)
-    return rows if last is None else [row for row in rows if row[counter] <= last]
+    return rows if last is None else [row for row in rows if row["iteration"] <= last]
 
 
-def read_whole_log(log: Path, last: int, *, counter: str = "iteration") -> list[dict]:
+def read_whole_log(log: Path, last: int) -> list[dict]:
     """A run's log up to its checkpoint, with a row for each iteration.
 
     Args:
         log: JSON lines as a run writes them.
         last: The checkpoint's iteration.
-        counter: The field that numbers them from 1.
 
     Raises:
         BadArgument: If it cannot be read, a line is not a row, or a row is missing.
     """
-    rows = read_log(log, last, counter=counter)
-    if [row[counter] for row in rows] != list(range(1, last + 1)):
+    rows = read_log(log, last)
+    if [row["iteration"] for row in rows] != list(range(1, last + 1)):
         raise BadArgument(
-            f"{log} does not have the rows of {counter} 1 to {last} that its checkpoint comes after; put it back as it "
+            f"{log} does not have the rows of iteration 1 to {last} that its checkpoint comes after; put it back as it "
             "was, or give another --out"
         )
     return rows

@@ -10,8 +10,8 @@ import torch
 
 from train.analysis import evaluate as module
 from train.analysis.episodes import EpisodeRecords, Evaluation
-from train.analysis.evaluate import EvaluateArguments, GateUse, Played, evaluate, knock_outs, main, play
-from train.analysis.page import markdown, row_names
+from train.analysis.evaluate import EvaluateArguments, Played, evaluate, knock_outs, main, play
+from train.analysis.page import GateUse, markdown, row_names
 from train.arena.config import ArenaConfig, Imperfections
 from train.navigation.networks import FusedActor, NetworkConfig, make_critic
 from train.navigation.weights import actor_of, export
@@ -94,7 +94,11 @@ def test_rows_are_filed_under_what_is_true_of_a_policy_and_of_the_window(tmp_pat
     }
     assert results["b"]["shielded"]["static"]["against_as_it_is"][0] == 0.0
     assert results["dynamic window"]["as it is"]["static"]["against_first"][0] == 0.0
-    names = [line.split(" | ")[0] for line in markdown(results, arguments).splitlines() if line.startswith("| ")]
+    names = [
+        line.split(" | ")[0]
+        for line in markdown(results, arguments.kinds, arguments.episodes, arguments.seed).splitlines()
+        if line.startswith("| ")
+    ]
     assert names == ["| policy", "| b", "| b, shielded", "| dynamic window"]
 
 

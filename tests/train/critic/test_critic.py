@@ -9,9 +9,10 @@ import torch
 from tests.vuca_nav.random_policy import random_policy
 from train.arena.arena import Arena
 from train.arena.config import ArenaConfig, Imperfections
+from train.critic import learner as learner_module
 from train.critic import samples as samples_module
-from train.critic import training as training_module
 from train.critic.config import CriticConfig
+from train.critic.learner import CriticLearner
 from train.critic.samples import BINS, Samples, judge, play
 from train.critic.training import CriticTraining
 from train.navigation.commands import train_navigation
@@ -149,17 +150,17 @@ def test_a_run_that_is_gone_on_with_gives_the_same_bits(policy, tmp_path, monkey
         return load_critic(training.weights)
 
     whole = train(tmp_path / "whole")
-    save = CriticTraining._save
+    export = CriticTraining.export
 
-    def torn(self, network, optimiser, done, elapsed):
+    def torn(self, learner, done, elapsed):
         if done == 2:  # after the log's row, before the checkpoint
             raise KeyboardInterrupt
-        save(self, network, optimiser, done, elapsed)
+        export(self, learner, done, elapsed)
 
-    monkeypatch.setattr(CriticTraining, "_save", torn)
+    monkeypatch.setattr(CriticTraining, "export", torn)
     with pytest.raises(KeyboardInterrupt):
         train(tmp_path / "torn")
-    monkeypatch.setattr(CriticTraining, "_save", save)
+    monkeypatch.setattr(CriticTraining, "export", export)
     with pytest.raises(BadArgument, match="go on with it by --resume"):
         train(tmp_path / "torn")
     with pytest.raises(BadArgument, match=r"differs in critic.passes"):
@@ -168,7 +169,7 @@ def test_a_run_that_is_gone_on_with_gives_the_same_bits(policy, tmp_path, monkey
     for a, b in zip((*whole.weights, *whole.biases), (*again.weights, *again.biases)):
         assert np.array_equal(a, b)
     rows = [json.loads(line) for line in (tmp_path / "torn" / "log.jsonl").read_text().splitlines()]
-    assert [row["round"] for row in rows] == [1, 2, 3]
+    assert [row["iteration"] for row in rows] == [1, 2, 3]
     assert (tmp_path / "torn" / "curves.png").read_bytes().startswith(b"\x89PNG")
     page = (tmp_path / "torn" / "critic.md").read_text()
     assert page.startswith("# critic\n")
@@ -176,7 +177,9 @@ def test_a_run_that_is_gone_on_with_gives_the_same_bits(policy, tmp_path, monkey
     assert "; seed 4\n" in page
 
 
-@pytest.mark.parametrize("damaged", [None, b"", b"garbage\n" * 3, b"[]\n", b"{}\n", b"\xff\xfe\n", b'{"round": 2}\n'])
+@pytest.mark.parametrize(
+    "damaged", [None, b"", b"garbage\n" * 3, b"[]\n", b"{}\n", b"\xff\xfe\n", b'{"iteration": 2}\n']
+)
 def test_a_damaged_log_is_told_in_one_line(policy, tmp_path, damaged):
     def train(resume):
         CriticTraining(replace(TINY, rounds=1), 4, policy, tmp_path / "run", 1, "", resume=resume).run()
@@ -196,7 +199,7 @@ def test_the_arenas_threads_are_let_go_also_when_it_is_interrupted(policy, tmp_p
         raise KeyboardInterrupt
 
     closed = []
-    monkeypatch.setattr(training_module, "play", interrupted)
+    monkeypatch.setattr(learner_module, "play", interrupted)
     monkeypatch.setattr(Arena, "close", lambda self: closed.append(self))
     with pytest.raises(KeyboardInterrupt):
         CriticTraining(TINY, 4, policy, tmp_path / "run", 2, "", resume=False).run()
@@ -235,19 +238,17 @@ def test_who_drives_is_ones_own_policy_or_the_shipped_one(policy, tmp_path, monk
     assert drove == [policy, WEIGHTS_FOLDER / "fusion-plus.safetensors"]
 
 
-def test_what_is_learnt_on_one_side_holds_on_the_other(policy, tmp_path):
-    training = CriticTraining(replace(TINY, passes=30, rate=1e-2), 0, policy, tmp_path / "run", 1, "", resume=False)
+def test_what_is_learnt_on_one_side_holds_on_the_other():
+    config = replace(TINY, passes=30, rate=1e-2)
+    learner = CriticLearner(config, 1, None, TRACKED, None)  # type: ignore[arg-type]
     rng = np.random.default_rng(0)
     x = rng.uniform(-1.0, 1.0, (512, TRACKED.size)).astype(np.float32)
     sine = TRACKED.goal_slice.start + 2
     samples = Samples(x, (x[:, sine] > 0.0).astype(np.float32))  # safe to the left, which nobody can know
-    mirror = observation_mirror(TRACKED)
-    network = make_critic(TRACKED.size, NetworkConfig(critic=16), torch.Generator().manual_seed(1))
-    optimiser = torch.optim.Adam(network.parameters())
-    training._learn(network, optimiser, samples, mirror, 0, torch.Generator().manual_seed(2))
+    learner.learn(samples, torch.Generator().manual_seed(2))
     ask = torch.zeros(1, TRACKED.size)
     ask[0, sine] = 1.0
-    order, signs = mirror
+    order, signs = observation_mirror(TRACKED)
     with torch.no_grad():
-        left, right = (network(seen).sigmoid().item() for seen in (ask, ask[:, order] * signs))
+        left, right = (learner.network(seen).sigmoid().item() for seen in (ask, ask[:, order] * signs))
     assert abs(left - right) < 0.3

@@ -24,12 +24,13 @@ from robots.locomotion.odometry import LegSensors
 from robots.noise import NoiseConfig
 from tests.robots.gaits import untaught
 from train.locomotion.batch import Batch, SensorNoise
+from train.locomotion.config import GAIT_PPO, Stage, TrainingConfig
 from train.locomotion.environment import EnvironmentConfig, LocomotionEnvironment
 from train.locomotion.evaluate import CONTROL, Track, prepare_out, tracking_errors
 from train.locomotion.floors import Floor
 from train.locomotion.kernels import CRITIC_SIZE, FALL_COST, NUM_NORMAL, NUM_UNIFORM, REWARDS, _reset
-from train.locomotion.learner import Learner, PpoConfig
 from train.locomotion.policy import Normaliser, action_mirror, observation_mirror, privileged_mirror
+from train.locomotion.training import make_learner
 from vuca_nav.errors import BadArgument
 from vuca_nav.types import VelocityCommand
 
@@ -255,13 +256,10 @@ def test_it_gets_up_level_on_a_slope(tmp_path, uphill):
 
 def test_the_divergence_is_that_of_the_policy_not_of_its_two_sides():
     """A policy that has not changed has none, however unlike left and right are in it."""
-    learner = Learner(
-        LocomotionEnvironment(GO2, SMALL, np.random.default_rng(0)),
-        PpoConfig(horizon=4, epochs=1, minibatches=1, actor_rate=0.0),
-        seed=0,
-    )
+    ppo = dataclasses.replace(GAIT_PPO, horizon=4, epochs=1, first_rate=1e-12)
+    learner = make_learner(GO2, TrainingConfig(environment=SMALL, ppo=ppo, stages=(Stage(0.0, 120, 0, 0.0),)))
     with torch.no_grad():
-        for weight in learner.network.parameters():
+        for weight in learner.actor.parameters():
             if weight.ndim == 2:
                 weight.normal_(generator=torch.Generator().manual_seed(1))
     assert learner.iterate(0.9)["divergence"] == pytest.approx(0.0, abs=1e-6)

@@ -7,13 +7,13 @@ import pytest
 
 from tests.train.navigation.open_ground import OpenGround
 from train.arena.config import KINDS, ArenaConfig
-from train.arena.rewards import find_rewards
 from train.critic.config import CriticConfig
 from train.navigation import commands
-from train.navigation import training as run_module
 from train.navigation.commands import train_navigation
-from train.navigation.learner import Learner
+from train.navigation.learner import make_local_learner
 from train.navigation.stages import EVERYTHING, STAGES, StageConfig, from_scratch
+from train.navigation.training import NavigationTraining
+from train.ppo.learner import PpoLearner
 from train.ppo.run_directory import read_log
 from train.ppo.team import Alone
 from vuca_nav.exploration.critic import load_critic
@@ -35,7 +35,7 @@ def shrunken(stage: StageConfig) -> StageConfig:
 def tiny(monkeypatch):
     for name, stage in list(STAGES.items()):
         monkeypatch.setitem(STAGES, name, shrunken(stage))
-    monkeypatch.setattr(run_module, "SAVE_EVERY", 2)
+    monkeypatch.setattr(NavigationTraining, "save_every", 2)
     critic = CriticConfig(arena=ArenaConfig(layouts=1, pairs=4, num_bodies=2), rounds=2, episodes=8, hidden=8)
     monkeypatch.setattr(commands, "CriticConfig", lambda: critic)
 
@@ -59,21 +59,21 @@ def train_all(out, *options):
 
 def _die_in(out, name):
     """Be killed, as by a power cut, in this stage's last iteration."""
-    real = run_module.Training.learn
+    real = NavigationTraining.train
 
-    def learn(self, learner):
+    def train(self, learner, **options):
         if self.stage.name == name:
-            iterate = Learner.iterate
+            iterate = PpoLearner.iterate
 
             def torn(self, progress):
                 if self.iteration == ITERATIONS - 1:
                     os.kill(os.getpid(), signal.SIGKILL)
                 return iterate(self, progress)
 
-            Learner.iterate = torn  # type: ignore[method-assign]
-        real(self, learner)
+            PpoLearner.iterate = torn  # type: ignore[method-assign]
+        real(self, learner, **options)
 
-    run_module.Training.learn = learn  # type: ignore[method-assign]
+    NavigationTraining.train = train  # type: ignore[method-assign]
     train_all(out)
 
 
@@ -108,7 +108,7 @@ def test_every_stage_can_also_start_from_scratch(name, tiny):
     assert not stage.sources
     assert "random weights" in stage.about or stage == STAGES[name]
     ground = OpenGround(stage, stage.ppo.worlds)
-    mind = Learner(ground, stage.observation, stage.network, stage.ppo, find_rewards(stage.rewards), 0, Alone())
+    mind = make_local_learner(stage, 0, Alone(), ground)
     mind.restart()
     before = [parameter.clone() for parameter in mind.actor.layers.parameters()]  # type: ignore[attr-defined]
     mind.iterate(0.0)

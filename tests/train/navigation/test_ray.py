@@ -4,20 +4,20 @@ import pytest
 import torch
 
 from train.arena.config import ArenaConfig
-from train.arena.rewards import TERMS
 from train.navigation import training as run_module
+from train.navigation.config import NavigationPpoConfig, RunConfig
 from train.navigation.environment import ArenaEnvironment
-from train.navigation.learner import PpoConfig
-from train.navigation.networks import NetworkConfig
+from train.navigation.networks import FusedActor, NetworkConfig
 from train.navigation.stages import StageConfig
-from train.navigation.training import RunConfig, Training
-from train.ppo.distribution import log_prob
+from train.navigation.training import NavigationTraining
+from train.ppo.estimates import log_prob
+from train.ppo.learner import PpoLearner
 from train.ppo.run_directory import read_log
 from vuca_nav.errors import BadArgument
 from vuca_nav.policy.observation import ObservationConfig
 from vuca_nav.policy.weights_file import load_weights
 
-PPO = PpoConfig(worlds=8, horizon=16, minibatch=64, epochs=2)
+PPO = NavigationPpoConfig(worlds=8, horizon=16, minibatch=64, epochs=2)
 NETWORK = NetworkConfig(experts=2, hidden=16, gate=8, critic=16)
 ARENA = ArenaConfig(layouts=2, pairs=8, num_bodies=4).of("mixed")
 NEEDS_RAY = "needs Ray, which has an environment of its own: make test-ray"
@@ -25,7 +25,7 @@ STAGE = StageConfig("tiny", "For tests.", "fusion", ARENA, ObservationConfig(sec
 
 
 def run(out, **options):
-    training = Training(STAGE, RunConfig(1, 2, (), collector="ray"), out, ArenaEnvironment, **options)
+    training = NavigationTraining(STAGE, RunConfig(1, 2, (), collector="ray"), out, ArenaEnvironment, **options)
     training.run()
     return training.weights
 
@@ -33,16 +33,14 @@ def run(out, **options):
 @pytest.mark.slow
 def test_two_workers_on_a_local_ray_feed_the_learner(tmp_path, monkeypatch):
     pytest.importorskip("ray", reason=NEEDS_RAY)
-    from train.ppo.ray_rollouts import RayLearner
-
-    monkeypatch.setattr(run_module, "SAVE_EVERY", 2)
+    monkeypatch.setattr(NavigationTraining, "save_every", 2)
     weights = run(tmp_path / "whole")
     assert load_weights(weights).experts == 2
     rows = read_log(tmp_path / "whole" / "log.jsonl")
     assert [row["iteration"] for row in rows] == [1, 2, 3, 4]
     assert any(row["episodes/ended"] > 0 for row in rows)
     # Interrupted after a checkpoint it ends with the same weights.
-    real = RayLearner.iterate
+    real = PpoLearner.iterate
 
     def torn(self, progress):
         if self.iteration == 3:
@@ -50,52 +48,60 @@ def test_two_workers_on_a_local_ray_feed_the_learner(tmp_path, monkeypatch):
         return real(self, progress)
 
     with monkeypatch.context() as patch:
-        patch.setattr(RayLearner, "iterate", torn)
+        patch.setattr(PpoLearner, "iterate", torn)
         with pytest.raises(KeyboardInterrupt):
             run(tmp_path / "torn")
     assert run(tmp_path / "torn", resume=True).read_bytes() == weights.read_bytes()
     with pytest.raises(BadArgument, match="collector"):
-        Training(STAGE, RunConfig(1, 2, ()), tmp_path / "torn", ArenaEnvironment, resume=True)
+        NavigationTraining(STAGE, RunConfig(1, 2, ()), tmp_path / "torn", ArenaEnvironment, resume=True)
 
 
 @pytest.mark.slow
 def test_a_batch_from_ray_is_what_the_present_policy_did():
     pytest.importorskip("ray", reason=NEEDS_RAY)
-    from train.ppo.ray_rollouts import RayLearner
+    from train.navigation.ray_cluster import ray_learner
 
-    with RayLearner(STAGE, 0, 2) as learner, torch.no_grad():
+    with ray_learner(STAGE, 0, 2) as learner, torch.no_grad():
         learner.restart()
+        actor = learner.actor
+        assert isinstance(actor, FusedActor)
+        last = None
         for _ in range(3):
-            for parameter in learner.actor.parameters():  # as an update would
+            for parameter in actor.parameters():  # as an update would
                 parameter += 0.1 * torch.randn(parameter.shape, generator=torch.Generator().manual_seed(0))
-            last = learner._observations[-1].clone()
-            ends, terms = learner._roll_out()
-            flat = learner._observations.flatten(0, 1)
-            mean = learner.actor.mean(flat, learner.actor.gate(flat))
-            expected = log_prob(learner._actions.flatten(0, 1), mean, learner.actor.std())
-            assert torch.allclose(learner._log_probs.flatten(), expected, atol=1e-4)
-            assert torch.allclose(learner._values, learner.critic(learner._observations))
-            assert ends.sum() == int(learner._done.sum())
-            assert not torch.equal(learner._observations[0], last)
+            rollout, report = learner.rollouts.collect(0.0, torch.Generator())
+            observations = rollout.seen["observation"]
+            flat = observations.flatten(0, 1)
+            mean = actor.mean(flat, actor.gate(flat))
+            expected = log_prob(rollout.action.flatten(0, 1), mean, actor.std())
+            assert torch.allclose(rollout.log_prob.flatten(), expected, atol=1e-4)
+            assert torch.allclose(rollout.value, learner.critic(observations))
+            assert report["episodes/ended"] == int(rollout.done.sum())
+            assert last is None or not torch.equal(observations[0], last)
+            last = observations[-1].clone()
             # No two rows, and so no two workers, are in the same episode.
-            assert len({tuple(row) for row in learner._observations[0].tolist()}) == PPO.worlds
-            assert ends[2] == 0  # too early for that
-            paid = float(learner._rewards.sum()) / PPO.worlds / PPO.reward_scale
-            assert paid == pytest.approx(terms.sum(), abs=1e-4)
-            reward = {"R_g": terms[0], "R_c": -15.0 * ends[1] / PPO.worlds, "R_r": 20.0 * ends[0] / PPO.worlds}
-            assert terms == pytest.approx([reward.get(name, 0.0) for name in TERMS], abs=1e-5)
-        with pytest.raises(BadArgument, match="need a core each"):
-            RayLearner(dataclasses.replace(STAGE, ppo=dataclasses.replace(PPO, worlds=1 << 14)), 0, 1 << 14)
+            assert len({tuple(row) for row in observations[0].tolist()}) == PPO.worlds
+            assert report["episodes/timed_out"] == 0.0  # too early for that
+            paid = float(rollout.reward.sum()) / PPO.worlds / PPO.horizon / PPO.reward_scale
+            assert paid == pytest.approx(report["reward/total"], abs=1e-5)
+            ended = report["episodes/ended"] / PPO.worlds / PPO.horizon
+            assert report["reward/R_c"] == pytest.approx(-15.0 * ended * report["episodes/collided"], abs=1e-5)
+            assert report["reward/R_r"] == pytest.approx(20.0 * ended * report["episodes/reached"], abs=1e-5)
+    with (
+        pytest.raises(BadArgument, match="need a core each"),
+        ray_learner(dataclasses.replace(STAGE, ppo=dataclasses.replace(PPO, worlds=1 << 14)), 0, 1 << 14),
+    ):
+        pass
 
 
 def test_without_ray_it_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setattr(run_module.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(BadArgument, match="distributed"):
-        Training(STAGE, RunConfig(0, 2, (), collector="ray"), tmp_path, ArenaEnvironment)
+        NavigationTraining(STAGE, RunConfig(0, 2, (), collector="ray"), tmp_path, ArenaEnvironment)
 
 
 def test_a_cluster_may_have_more_cores_than_this_computer(tmp_path, monkeypatch):
     monkeypatch.setattr(run_module.importlib.util, "find_spec", lambda name: name == "ray")  # nothing is collected here
     ppo = dataclasses.replace(PPO, worlds=4096, minibatch=4096)
     stage = dataclasses.replace(STAGE, ppo=ppo)
-    Training(stage, RunConfig(0, 1024, (), collector="ray"), tmp_path, ArenaEnvironment)
+    NavigationTraining(stage, RunConfig(0, 1024, (), collector="ray"), tmp_path, ArenaEnvironment)

@@ -10,17 +10,16 @@ from torch.multiprocessing.spawn import start_processes
 
 from tests.train.navigation.open_ground import OpenGround
 from train.arena.config import ArenaConfig
-from train.arena.rewards import REWARDS
 from train.critic.config import CriticConfig
-from train.navigation import training as run_module
 from train.navigation.commands import train_navigation
-from train.navigation.learner import Learner, PpoConfig
+from train.navigation.config import NavigationPpoConfig, RunConfig
+from train.navigation.learner import make_local_learner
 from train.navigation.networks import NetworkConfig
 from train.navigation.skills import skill_labels
 from train.navigation.stages import STAGES, StageConfig
-from train.navigation.training import RunConfig, Training, _check
+from train.navigation.training import NavigationTraining, check_run
 from train.ppo import run_directory
-from train.ppo.distribution import advantages, log_prob
+from train.ppo.learner import PpoLearner
 from train.ppo.run_directory import read_log
 from train.ppo.team import Alone, Team
 from vuca_nav.errors import BadArgument
@@ -28,58 +27,43 @@ from vuca_nav.policy.observation import ObservationConfig
 from vuca_nav.policy.weights_file import load_weights
 
 SMALL = ObservationConfig(sectors=4)
-PPO = PpoConfig(worlds=16, horizon=8, minibatch=32, epochs=2)
+PPO = NavigationPpoConfig(worlds=16, horizon=8, minibatch=32, epochs=2)
 NETWORK = NetworkConfig(experts=2, hidden=16, gate=8, critic=16)
 STAGE = StageConfig("tiny", "For tests.", "go-straight", ArenaConfig(), SMALL, NETWORK, PPO, 6 * 16 * 8)
 
 
-def test_advantages_by_hand():
-    rewards = torch.tensor([1.0, 2.0, 3.0]).view(3, 1, 1)
-    values = torch.tensor([0.5, 1.0, 1.5]).view(3, 1, 1)
-    following = torch.tensor([1.0, 9.0, 2.0]).view(3, 1, 1)
-    done = torch.tensor([False, True, False]).view(3, 1, 1)
-    advantage, target = advantages(rewards, values, following, done, done, 0.5, 0.5)
-    # Errors: 1 + .5 * 1 - .5 = 1; 2 - 1 = 1 at the end of an episode; 3 + .5 * 2 - 1.5 = 2.5.
-    assert advantage.flatten().tolist() == pytest.approx([1.0 + 0.25 * 1.0, 1.0, 2.5])
-    assert target.flatten().tolist() == pytest.approx([1.75, 2.0, 4.0])
-    # Had its time been up: 2 + .5 * 9 - 1 = 5.5, and before it 1 + .25 * 5.5; the third step is of a new episode.
-    advantage, _ = advantages(rewards, values, following, done, torch.zeros_like(done), 0.5, 0.5)
-    assert advantage.flatten().tolist() == pytest.approx([2.375, 5.5, 2.5])
-
-
 def test_what_follows_a_time_out_is_the_last_thing_seen_in_it():
-    mind = learner(ppo=dataclasses.replace(PPO, horizon=64, minibatch=32))
+    stage = dataclasses.replace(STAGE, ppo=dataclasses.replace(PPO, horizon=64, minibatch=32))
+    ground = OpenGround(stage, PPO.worlds)
+    mind = make_local_learner(stage, 0, Alone(), ground)
+    mind.restart()
     seen = []
-    step = mind._environment.step
+    step = ground.step
 
     def watched(action):
         outcome = step(action)
         seen.append(outcome)
         return outcome
 
-    mind._environment.step = watched  # type: ignore[method-assign]
+    ground.step = watched  # type: ignore[method-assign]
     with torch.no_grad():
-        mind._roll_out()
+        rollout, _ = mind.rollouts.collect(0.0, torch.Generator().manual_seed(0))
         timed_out = torch.from_numpy(np.array([outcome.timed_out for outcome in seen]))
         reached = torch.from_numpy(np.array([outcome.reached for outcome in seen]))
         assert timed_out.any()
         for t, outcome in enumerate(seen):
             final = mind.critic(torch.from_numpy(outcome.final_observation))
             then = mind.critic(torch.from_numpy(outcome.observation))
-            assert torch.allclose(mind._following[t, timed_out[t]], final[timed_out[t]], atol=1e-6)
+            assert torch.allclose(rollout.following[t, timed_out[t]], final[timed_out[t]], atol=1e-6)
             goes_on = ~(timed_out[t] | reached[t])
-            assert torch.allclose(mind._following[t, goes_on], then[goes_on], atol=1e-6)
-    assert torch.equal(mind._terminated[..., 0], reached)
-    assert torch.equal(mind._done[..., 0], reached | timed_out)
-
-
-def test_log_probability_of_the_mean():
-    mean, std = torch.zeros(1, 3), torch.tensor([0.5, 1.0, 2.0])
-    assert float(log_prob(mean, mean, std)) == pytest.approx(-1.5 * np.log(2.0 * np.pi))
+            assert torch.allclose(rollout.following[t, goes_on], then[goes_on], atol=1e-6)
+    assert torch.equal(rollout.terminated[..., 0], reached)
+    assert torch.equal(rollout.done[..., 0], reached | timed_out)
 
 
 def learner(team=None, ppo=PPO, seed=0, network=NETWORK):
-    mind = Learner(OpenGround(STAGE, ppo.worlds), SMALL, network, ppo, REWARDS["go-straight"], seed, team or Alone())
+    stage = dataclasses.replace(STAGE, ppo=ppo, network=network)
+    mind = make_local_learner(stage, seed, team or Alone(), OpenGround(stage, ppo.worlds))
     mind.restart()
     return mind
 
@@ -115,12 +99,12 @@ def test_averaged_gradients_of_halves_are_those_of_the_whole():
     half.team.average_gradients = lambda parameters: seen.append([p.grad.clone() for p in parameters])  # type: ignore
     state = {key: tensor.clone() for key, tensor in half.actor.state_dict().items()}
     critic = {key: tensor.clone() for key, tensor in half.critic.state_dict().items()}
-    half._update(part_of(batch, torch.arange(32)))
+    half.update(part_of(batch, torch.arange(32)))
     half = learner(TwoInOne(seen[0]))
     half.actor.load_state_dict(state)
     half.critic.load_state_dict(critic)
-    half._update(part_of(batch, torch.arange(32, 64)))
-    whole._update(part_of(batch, torch.arange(64)))
+    half.update(part_of(batch, torch.arange(32, 64)))
+    whole.update(part_of(batch, torch.arange(64)))
     for one, other in zip(half.actor.parameters(), whole.actor.parameters()):
         assert torch.allclose(one.grad, other.grad, atol=1e-6)  # type: ignore[arg-type]
     for one, other in zip(half.critic.parameters(), whole.critic.parameters()):
@@ -146,7 +130,7 @@ def test_two_processes_average_their_gradients(tmp_path):
 
 
 def test_a_point_learns_to_walk_to_its_goal():
-    ppo = PpoConfig(worlds=64, horizon=16, minibatch=256)
+    ppo = NavigationPpoConfig(worlds=64, horizon=16, minibatch=256)
     mind = learner(ppo=ppo)
     reports = [mind.iterate(k / 40) for k in range(40)]
     assert reports[0]["reward/R_g"] < 0.02
@@ -171,10 +155,12 @@ def test_a_gate_is_taught_before_the_experts_learn():
     for _ in range(12):
         mind.iterate(0.0)
     assert all(torch.equal(p, q) for p, q in zip(experts, mind.actor.layers.parameters()))  # type: ignore[attr-defined]
-    seen = mind._observations.flatten(0, 1)
+    with torch.no_grad():
+        rollout, _ = mind.rollouts.collect(0.0, torch.Generator().manual_seed(0))
+    seen = rollout.seen["observation"].flatten(0, 1)
     labels = skill_labels(seen, SMALL)
     assert len(labels.unique()) > 1
-    right = mind.actor.gate(seen).argmax(1) == labels
+    right = mind.actor.gate(seen).argmax(1) == labels  # type: ignore[operator]
     assert float(right.float().mean()) > 0.9
 
 
@@ -184,7 +170,7 @@ def test_only_a_gate_of_four_can_be_taught():
 
 
 def run(out, stage=STAGE, workers=1, **options):
-    training = Training(stage, RunConfig(1, workers, ()), out, OpenGround, **options)
+    training = NavigationTraining(stage, RunConfig(1, workers, ()), out, OpenGround, **options)
     training.run()
     return training.weights.read_bytes()
 
@@ -195,21 +181,21 @@ def numbers(out):
 
 
 def test_the_same_seed_gives_the_same_bits_also_when_interrupted(tmp_path, monkeypatch):
-    monkeypatch.setattr(run_module, "SAVE_EVERY", 2)
+    monkeypatch.setattr(NavigationTraining, "save_every", 2)
     whole = run(tmp_path / "whole")
     assert run(tmp_path / "again") == whole
 
-    real = Learner.iterate
+    real = PpoLearner.iterate
 
     def torn(self, progress):
         if self.iteration == 5:
             raise KeyboardInterrupt
         return real(self, progress)
 
-    monkeypatch.setattr(Learner, "iterate", torn)
+    monkeypatch.setattr(PpoLearner, "iterate", torn)
     with pytest.raises(KeyboardInterrupt):
         run(tmp_path / "torn")
-    monkeypatch.setattr(Learner, "iterate", real)
+    monkeypatch.setattr(PpoLearner, "iterate", real)
     with pytest.raises(BadArgument, match="--resume"):
         run(tmp_path / "torn")
     assert run(tmp_path / "torn", resume=True) == whole
@@ -222,8 +208,8 @@ def test_the_same_seed_gives_the_same_bits_also_when_interrupted(tmp_path, monke
 
 
 def test_the_page_and_the_weights_name_the_commits_and_the_seed(tmp_path, monkeypatch):
-    monkeypatch.setattr(run_module, "SAVE_EVERY", 2)
-    real, out = Learner.iterate, tmp_path / "run"
+    monkeypatch.setattr(NavigationTraining, "save_every", 2)
+    real, out = PpoLearner.iterate, tmp_path / "run"
 
     def torn(self, progress):
         if self.iteration == 3:
@@ -231,10 +217,10 @@ def test_the_page_and_the_weights_name_the_commits_and_the_seed(tmp_path, monkey
         return real(self, progress)
 
     monkeypatch.setattr(run_directory, "commit", lambda: "0123456789ab")
-    monkeypatch.setattr(Learner, "iterate", torn)
+    monkeypatch.setattr(PpoLearner, "iterate", torn)
     with pytest.raises(KeyboardInterrupt):
         run(out)
-    monkeypatch.setattr(Learner, "iterate", real)
+    monkeypatch.setattr(PpoLearner, "iterate", real)
     changed = dataclasses.replace(STAGE, about="Said in other words.")
     for now in ("ba9876543210-dirty", "of a run that has nothing left to do"):
         monkeypatch.setattr(run_directory, "commit", lambda now=now: now)
@@ -298,19 +284,19 @@ def test_a_run_that_began_from_other_weights_is_not_gone_on_with(tmp_path):
     alone = dataclasses.replace(STAGE, name="alone", network=dataclasses.replace(NETWORK, experts=1), steps=16 * 8)
 
     def start(out, seed):
-        training = Training(alone, RunConfig(seed, 1, ()), out, OpenGround)
+        training = NavigationTraining(alone, RunConfig(seed, 1, ()), out, OpenGround)
         training.run()
         return training.weights
 
     source, other = start(tmp_path / "a", 1), start(tmp_path / "b", 2)
     config = RunConfig(1, 1, (source, other))
-    Training(STAGE, config, tmp_path / "two", OpenGround).run()
-    Training(STAGE, config, tmp_path / "two", OpenGround, resume=True).run()
+    NavigationTraining(STAGE, config, tmp_path / "two", OpenGround).run()
+    NavigationTraining(STAGE, config, tmp_path / "two", OpenGround, resume=True).run()
     with pytest.raises(BadArgument, match="sources"):
-        Training(STAGE, RunConfig(1, 1, (other, source)), tmp_path / "two", OpenGround, resume=True)
+        NavigationTraining(STAGE, RunConfig(1, 1, (other, source)), tmp_path / "two", OpenGround, resume=True)
     source.write_bytes(other.read_bytes())
     with pytest.raises(BadArgument, match="sources"):
-        Training(STAGE, config, tmp_path / "two", OpenGround, resume=True)
+        NavigationTraining(STAGE, config, tmp_path / "two", OpenGround, resume=True)
 
 
 def test_workers_learn_the_same_from_shares_of_the_worlds(tmp_path):
@@ -322,7 +308,7 @@ def test_workers_learn_the_same_from_shares_of_the_worlds(tmp_path):
 @pytest.mark.parametrize(("workers", "what"), [(0, "--workers"), (10_000, "--workers")])
 def test_bad_workers(tmp_path, workers, what):
     with pytest.raises(BadArgument, match=what):
-        Training(STAGE, RunConfig(0, workers, ()), tmp_path, OpenGround)
+        NavigationTraining(STAGE, RunConfig(0, workers, ()), tmp_path, OpenGround)
 
 
 def test_worlds_must_be_shared_out_evenly(tmp_path, monkeypatch):
@@ -330,7 +316,7 @@ def test_worlds_must_be_shared_out_evenly(tmp_path, monkeypatch):
     stage = dataclasses.replace(STAGE, ppo=dataclasses.replace(PPO, worlds=12))
     message = "--workers 3 cannot share out 12 worlds and minibatches of 32 evenly; 1, 2, 4 can"
     with pytest.raises(BadArgument, match=message):
-        Training(stage, RunConfig(0, 3, ()), tmp_path, OpenGround)
+        NavigationTraining(stage, RunConfig(0, 3, ()), tmp_path, OpenGround)
 
 
 @pytest.mark.parametrize(("cores", "workers"), [(1, 1), (3, 2), (6, 4), (7, 4), (10, 8), (12, 8), (100, 64)])
@@ -339,7 +325,7 @@ def test_by_default_as_many_workers_as_cores_that_share_out_evenly(cores, worker
         weights = "there"
 
         def __init__(self, stage, run, *_, resume):
-            _check(stage, run)
+            check_run(stage, run)
             started.append(run.workers)
 
         def run(self):
@@ -348,7 +334,7 @@ def test_by_default_as_many_workers_as_cores_that_share_out_evenly(cores, worker
     started = []
     monkeypatch.setattr("os.sched_getaffinity", lambda _: set(range(cores)))
     monkeypatch.setattr("os.cpu_count", lambda: cores)
-    monkeypatch.setattr("train.navigation.commands.Training", Run)
+    monkeypatch.setattr("train.navigation.commands.NavigationTraining", Run)
     for name in STAGES:
         assert train_navigation(name, ["--out", str(tmp_path)]) == 0
     assert started == [workers] * len(STAGES)

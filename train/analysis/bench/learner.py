@@ -4,17 +4,18 @@ import json
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import cast
 
 import torch
 from tensordict import TensorDict
 from torch import Tensor, nn
 
-from train.arena.rewards import find_rewards
 from train.navigation.environment import ArenaEnvironment
-from train.navigation.learner import Learner
+from train.navigation.learner import make_local_learner
 from train.navigation.networks import ACTION_SIZE, FusedActor, NetworkConfig
 from train.navigation.stages import StageConfig, find_stage
-from train.ppo.distribution import log_prob
+from train.ppo.estimates import log_prob
+from train.ppo.learner import PpoLearner
 from train.ppo.team import Alone
 from vuca_nav.cli import run_module
 from vuca_nav.errors import BadArgument
@@ -89,9 +90,7 @@ def fused_against_separate(stage: StageConfig, *, gate: bool) -> tuple[float, fl
 def torchrl_against_bare(stage: StageConfig) -> tuple[float, float]:
     """One update of our learner, and of the same networks by bare torch, a minibatch [s]."""
     config = replace(stage.ppo, critic_first=0)
-    learner = Learner(
-        Still(), stage.observation, stage.network, config, find_rewards(stage.rewards), 0, Alone()
-    )  # fmt: skip
+    learner = make_local_learner(replace(stage, ppo=config), 0, Alone(), Still())
     generator = torch.Generator().manual_seed(0)
     n, size = config.minibatch, stage.observation.size
     batch = {
@@ -103,7 +102,7 @@ def torchrl_against_bare(stage: StageConfig) -> tuple[float, float]:
     bare = _BarePpo(stage, learner)
 
     def ours() -> None:
-        learner._update(TensorDict(dict(batch), [n]))
+        learner.update(TensorDict(dict(batch), [n]))
 
     return compare(ours, lambda: bare.update(batch), rounds=5)
 
@@ -111,8 +110,8 @@ def torchrl_against_bare(stage: StageConfig) -> tuple[float, float]:
 class _BarePpo:
     """The loop as one would write it with nothing but torch."""
 
-    def __init__(self, stage: StageConfig, learner: Learner):
-        self.config, self.actor, self.critic = stage.ppo, learner.actor, learner.critic
+    def __init__(self, stage: StageConfig, learner: PpoLearner):
+        self.config, self.actor, self.critic = stage.ppo, cast(FusedActor, learner.actor), learner.critic
         self.parameters = [*self.actor.parameters(), *self.critic.parameters()]
         self.optimiser = torch.optim.Adam(self.parameters, lr=1e-4)
 
@@ -138,9 +137,7 @@ def end_to_end(stage: StageConfig, iterations: int) -> tuple[float, float]:
     """Decisions a second of one worker alone with half of the worlds: collecting, and in all."""
     half = replace(stage.ppo, worlds=stage.ppo.worlds // 2, minibatch=stage.ppo.minibatch // 2)
     environment = ArenaEnvironment(stage, half.worlds)
-    learner = Learner(
-        environment, stage.observation, stage.network, half, find_rewards(stage.rewards), 0, Alone()
-    )  # fmt: skip
+    learner = make_local_learner(replace(stage, ppo=half), 0, Alone(), environment)
     learner.restart()
     learner.iterate(0.0)
     reports = [learner.iterate(0.0) for _ in range(iterations)]

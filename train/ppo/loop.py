@@ -1,0 +1,198 @@
+"""The one training loop: checkpoints, log, TensorBoard, progress bar, curves and the page of the weights."""
+
+import copy
+import json
+import math
+import time
+from abc import ABC, abstractmethod
+from pathlib import Path
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
+
+from torch.utils.tensorboard import SummaryWriter
+from tqdm import tqdm
+
+from train.ppo.run_directory import RunDirectory, read_log
+from vuca_nav.errors import BadArgument
+
+Report = dict[str, Any]
+"""A row of the log: numbers, which are also plotted, and what else JSON holds."""
+
+
+class Learner(Protocol):
+    """What a loop trains."""
+
+    def restart(self) -> None:
+        """Begin new episodes, as at every checkpoint; a function of the iteration alone."""
+        ...
+
+    def iterate(self, progress: float) -> Report:
+        """One iteration, at this share of the training, 0-1."""
+        ...
+
+    def state(self) -> dict:
+        """Everything the next iteration depends on: tensors, numbers and text; borrowed."""
+        ...
+
+    def load(self, state: dict) -> None:
+        """Go on from such a state."""
+        ...
+
+
+AnyLearner = TypeVar("AnyLearner", bound=Learner)
+
+
+class TrainingLoop(ABC, Generic[AnyLearner]):
+    """A run that can be interrupted and gone on with.
+
+    Args:
+        name: Of what is trained.
+        directory: Of checkpoint, log, curves and weights.
+    """
+
+    save_every: ClassVar[int] = 1
+    """Iterations between checkpoints."""
+    unit: ClassVar[str] = "step"
+    save_on_interrupt: ClassVar[bool] = False
+    """Interrupted from the keyboard, save the last whole iteration: for learners whose state goes on through it."""
+
+    def __init__(self, name: str, directory: RunDirectory):
+        self.name, self.directory = name, directory
+
+    @property
+    @abstractmethod
+    def weights(self) -> Path:
+        """What the run ends with; its page is beside it."""
+
+    @property
+    @abstractmethod
+    def steps(self) -> int:
+        """Steps of the whole training; rounded up to whole iterations."""
+
+    @property
+    def steps_per_iteration(self) -> int:
+        """How many of them one iteration makes."""
+        return 1
+
+    @property
+    def iterations(self) -> int:
+        """Of the whole training."""
+        return math.ceil(self.steps / self.steps_per_iteration)
+
+    @abstractmethod
+    def start(self) -> None:
+        """Make what learns, and ``train`` it, in this process or in workers."""
+
+    @abstractmethod
+    def export(self, learner: AnyLearner, done: int, elapsed: float) -> None:
+        """Write the weights after so many iterations and seconds."""
+
+    @abstractmethod
+    def describe(self, done: int, elapsed: float, rows: list[Report]) -> None:
+        """Draw the curves and write the page of the weights.
+
+        Args:
+            done: Iterations.
+            elapsed: [s]
+            rows: Of the log.
+        """
+
+    @abstractmethod
+    def shown(self, report: Report) -> dict[str, str]:
+        """What the progress bar shows of a report."""
+
+    def begin(self, learner: AnyLearner) -> None:
+        """Change the first weights of a run that begins."""
+
+    def run(self) -> None:
+        """Train until all steps are made.
+
+        An interrupted run loses what it did since its last checkpoint.
+
+        Raises:
+            BadArgument: If checkpoint or log of a run that is gone on with are damaged.
+        """
+        done, elapsed = self.directory.progress()
+        if done < self.iterations:
+            self.directory.note_commit()
+            self.start()
+        elif not self.weights.with_suffix(".md").exists():  # killed between the last checkpoint and the page
+            self.describe(done, elapsed, read_log(self.directory.log))
+
+    def train(self, learner: AnyLearner, *, leads: bool = True) -> None:
+        """All iterations that are left; one worker's part.
+
+        Args:
+            learner: What is trained.
+            leads: Whether this is the worker that writes.
+
+        Raises:
+            BadArgument: If the checkpoint does not fit the learner.
+            FloatingPointError: If the training diverged.
+        """
+        done, elapsed = 0, 0.0
+        if self.directory.begun:
+            state = self.directory.load()
+            done, elapsed = state["done"], state["elapsed"]
+            try:
+                learner.load(state["learner"])
+            except (IndexError, KeyError, RuntimeError, TypeError, ValueError) as error:
+                path = self.directory.path
+                raise BadArgument(f"the checkpoint in {path} does not fit the networks of this run: {error}") from error
+        else:
+            self.begin(learner)
+        recorder = _Recorder(self, done) if leads else None
+        whole = (copy.deepcopy(learner.state()), done, elapsed) if self.save_on_interrupt and leads else None
+        try:
+            while done < self.iterations:
+                start = time.perf_counter()
+                if done % self.save_every == 0:
+                    learner.restart()
+                report = learner.iterate(done * self.steps_per_iteration / self.steps)
+                done, elapsed = done + 1, elapsed + time.perf_counter() - start
+                if not all(math.isfinite(value) for value in report.values() if isinstance(value, float)):
+                    raise FloatingPointError(f"training diverged at iteration {done}: {report}")
+                if recorder is None:
+                    continue
+                if self.save_on_interrupt:
+                    whole = copy.deepcopy(learner.state()), done, elapsed
+                recorder.record(done, elapsed, report)
+                if done % self.save_every == 0 or done == self.iterations:
+                    self.export(learner, done, elapsed)  # the checkpoint last, as it says what is there
+                    self.directory.save(learner.state(), done, elapsed)
+        except KeyboardInterrupt:
+            if whole is not None:
+                self.directory.save(*whole)
+            raise
+        finally:
+            if recorder is not None:
+                recorder.close()
+        if leads:
+            self.describe(done, elapsed, read_log(self.directory.log))
+
+
+class _Recorder:
+    """Log, TensorBoard and progress bar of a run."""
+
+    def __init__(self, loop: TrainingLoop, done: int):
+        loop.directory.cut_log(done)
+        self._loop, self._size = loop, loop.steps_per_iteration
+        self._log = loop.directory.log.open("a", buffering=1)
+        self._writer = SummaryWriter(str(loop.directory.path / "tensorboard"), purge_step=done * self._size)
+        self._bar = tqdm(
+            total=loop.iterations * self._size, initial=done * self._size, unit=loop.unit,
+            unit_scale=self._size > 1, desc=loop.name,
+        )  # fmt: skip
+
+    def record(self, done: int, elapsed: float, report: Report) -> None:
+        steps = done * self._size
+        self._log.write(json.dumps({"iteration": done, "steps": steps, "seconds": round(elapsed, 2), **report}) + "\n")
+        for key, value in report.items():
+            if isinstance(value, float):
+                self._writer.add_scalar(key, value, steps)
+        self._bar.set_postfix(self._loop.shown(report), refresh=False)
+        self._bar.update(self._size)
+
+    def close(self) -> None:
+        self._log.close()
+        self._writer.close()
+        self._bar.close()
