@@ -18,11 +18,11 @@ def circle(imports):
 
 def test_a_circle_is_found():
     assert circle({"a": {"b"}, "b": {"c"}, "c": set()}) is None
-    assert set(circle({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}})) == {"a", "b", "c"}
+    assert set(circle({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) or ()) == {"a", "b", "c"}
 
 
 def test_no_module_imports_itself_by_way_of_others():
     """Imports behind TYPE_CHECKING and within functions count, too."""
     graph = grimp.build_graph(*PACKAGES, cache_dir=None)
     found = circle({module: graph.find_modules_directly_imported_by(module) for module in graph.modules})
-    assert found is None, f"each imports the one before it: {', '.join(found)}"
+    assert found is None, f"each imports the one before it: {found}"
