@@ -254,7 +254,7 @@ def test_the_documented_example_is_a_scene(tmp_path):
 
 
 def documented_example(tmp_path):
-    text = (SCHEMA_FILE.parents[1] / "docs" / "scene-format.md").read_text()
+    text = (SCHEMA_FILE.parents[2] / "docs" / "scene-format.md").read_text()
     return write(tmp_path, text.split("```yaml\n")[1].split("```")[0])
 
 
