@@ -10,7 +10,7 @@ RUNS ?= runs
 ROBOT ?= tiago
 METHOD ?= ours-dh
 WORKERS ?= 2
-# A mission in which both bodies arrive; many with moving obstacles do not yet (docs/experiments.md).
+# A mission in which both bodies arrive; many with moving obstacles do not yet (docs/results/index.md).
 DEMO_REGION ?= 1
 DEMO_SEED ?= 8
 
@@ -19,7 +19,7 @@ PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
 	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && command -v $$p && break; done)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow test-ray lint format types layers bench lock clean
+.PHONY: help demo test test-slow test-ray lint format types layers bench docs lock clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -39,6 +39,10 @@ $(VENV)/.installed-dev: requirements.lock pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[dev]'
 	@touch $@ $(VENV)/.installed-sim
 
+$(VENV)/.installed-docs: requirements.lock pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[docs]'
+	@touch $@
+
 $(RAY_VENV)/.installed: requirements.lock pyproject.toml | $(RAY_VENV)/bin/python
 	$(RAY_VENV)/bin/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[dev,distributed]'
 	@touch $@
@@ -47,8 +51,8 @@ lock: ## pin the newest versions that fit pyproject.toml, resolved in a clean en
 	@test -n "$(PYTHON)" || { echo "make: needs Python 3.11 or newer on PATH" >&2; exit 1; }
 	@set -e; tmp=$$(mktemp -d); trap 'rm -rf "$$tmp"' EXIT; \
 	$(PYTHON) -m venv "$$tmp/venv"; \
-	"$$tmp/venv/bin/python" -m pip install --quiet --disable-pip-version-check -e '.[dev,distributed]'; \
-	{ echo '# Exact versions of everything in vuca-nav[dev,distributed] (which include [sim] and [train]); made by `make lock`.'; \
+	"$$tmp/venv/bin/python" -m pip install --quiet --disable-pip-version-check -e '.[dev,docs,distributed]'; \
+	{ echo '# Exact versions of everything in vuca-nav[dev,docs,distributed] (which include [sim] and [train]); made by `make lock`.'; \
 	  "$$tmp/venv/bin/python" -m pip freeze --exclude-editable | grep -v '^#' | sed 's/+cpu$$//' | grep -v '^nvidia\|^triton\|^cuda' | LC_ALL=C sort -f; } > "$$tmp/lock"; \
 	cp "$$tmp/lock" requirements.lock; echo "requirements.lock: $$(grep -c == requirements.lock) packages"
 
@@ -84,6 +88,9 @@ types: $(VENV)/.installed-dev ## static types
 
 layers: $(VENV)/.installed-dev ## one direction of imports
 	$(BIN)/lint-imports
+
+docs: $(VENV)/.installed-docs ## the pages as a site, build/site/index.html; a broken link ends it
+	$(BIN)/mkdocs build --strict
 
 format: $(VENV)/.installed-dev ## put the code into the project's style
 	$(BIN)/ruff check --fix
