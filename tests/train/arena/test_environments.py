@@ -1,6 +1,3 @@
-import re
-from pathlib import Path
-
 import gymnasium
 import numpy as np
 import pytest
@@ -120,12 +117,3 @@ def test_gymnasiums_maker_takes_kind_body_and_observation():
 def test_gymnasiums_maker_says_what_is_wrong(options, error, match):
     with pytest.raises(error, match=match):
         gymnasium.make_vec("vuca/Arena-v0", **options)
-
-
-def test_the_examples_in_the_docs_run():
-    text = (Path(__file__).parents[3] / "docs" / "training.md").read_text()
-    section = text.split("## The arena as an environment\n")[1].split("\n## ")[0]
-    examples = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
-    assert len(examples) == 2
-    for example in examples:
-        exec(compile(example, "docs/training.md", "exec"), {})
