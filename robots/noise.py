@@ -10,7 +10,7 @@ class NoiseConfig:
 
     An error "per episode" is drawn once at the start from a normal distribution of this standard deviation.
     Together they make dead reckoning drift by 2-4% of the distance travelled, on wheels and on legs
-    (tests/robots/test_odometry.py, docs/locomotion.md).
+    (tests/robots/test_odometry.py).
     """
 
     range_sigma: float = 0.02

@@ -73,7 +73,7 @@ GO2 = QuadrupedConfig(
     yaw_lever=0.5,
     control_rate=60,
     # At 2 Hz yaw ripples twice as much in the corners of the command range; at 3 Hz, or with feet that stand less wide
-    # or are lifted less, it falls much more often on sills and slopes and after pushes: docs/locomotion.md.
+    # or are lifted less, it falls much more often on sills and slopes and after pushes: docs/findings.md.
     trot=Trot(frequency=2.5, swing_height=0.11, stance_width=0.025),
     weights="go2.safetensors",
 )

@@ -48,14 +48,14 @@ class ArenaBody:
 
 
 def tiago() -> ArenaBody:
-    """As docs/locomotion.md has its response."""
+    """TIAGo, with the response that python -m train.analysis.response measured."""
     spec = BodySpec("tiago", FOOTPRINT, MAX_V_X, MIN_V_X, 0.0, MAX_W_Z, MAX_A_X, 0.0, MAX_A_W)
     response = np.array([(1.005, 0.022, 0.0, 0.011), (1.0, 0.022, 0.0, 0.0), (1.013, 0.023, 0.0, 0.017)])
     return ArenaBody(spec, response, TIAGO_LIDAR.height, HEIGHT, WHEEL_SEPARATION / 2.0)
 
 
 def go2() -> ArenaBody:
-    """As docs/locomotion.md has its response."""
+    """The Go2, with the response that python -m train.analysis.response measured."""
     response = np.array([(1.092, 0.002, 0.088, 0.084), (1.163, 0.034, 0.124, 0.054), (1.035, 0.002, 0.023, 0.054)])
     return ArenaBody(GO2.spec, response, GO2.lidar.height, GO2.height)
 

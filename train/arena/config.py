@@ -35,7 +35,7 @@ class Imperfections:
     odometry_turn: float = 0.02
     """Relative error of odometry's turns, per episode (robots.noise)."""
     pose_sigma: float = 0.04
-    """Of the position that SLAM gives the goal by [m]; docs/experiments.md has 0.02 to 0.04 over an episode."""
+    """Of the position that SLAM gives the goal by [m]; over an episode it errs by 0.02 to 0.04."""
     yaw_sigma: float = 0.01
     """Of its heading [rad]."""
     pose_time: float = 5.0

@@ -3,7 +3,7 @@
 In two steps like Cartographer's local SLAM (Hess et al. 2016, Section IV): a small real-time correlative search (Olson
 2009) around the prediction, then a refinement. Cartographer refines on the smoothed probability grid; on our logs that
 left 7 mm and 1.5 mrad of error a match (standard deviation), the lines through the cells' mean returns leave 2.5 mm
-and 0.45 mrad, and drift follows (docs/architecture.md).
+and 0.45 mrad, and drift follows (docs/findings.md).
 """
 
 import math

@@ -114,7 +114,7 @@ def test_no_policy_drives_it_into_what_stands(seed):
 
 KNOWN_COLLISION = pytest.param(
     52,
-    marks=pytest.mark.xfail(strict=True, reason="legs of tables, seen two by two, pass for a walker: docs/training.md"),
+    marks=pytest.mark.xfail(strict=True, reason="legs of tables, seen two by two, pass for a walker: docs/methods.md"),
 )
 
 
