@@ -4,14 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.ndimage import distance_transform_edt
 
-from tests.vuca_nav.rooms import LIDAR, disc_body, ranges_to_boxes, room
+from tests.vuca_nav.rooms import LIDAR, NOTHING, Sensors, disc_body, ranges_to_boxes, room
 from vuca_nav.geometry import compose, distance
-from vuca_nav.perception.distance_field import cover_by_discs, distance_field
-from vuca_nav.policy.base import LocalObservation
-from vuca_nav.policy.dynamic_window import DynamicWindow, DynamicWindowConfig
-from vuca_nav.types import Pose2, Scan, Twist2, VelocityCommand
+from vuca_nav.policy.base import LocalGoal
+from vuca_nav.policy.dynamic_window import DynamicWindow
+from vuca_nav.types import STANDING, STOP, Pose2, Twist2
 
 DT = 1.0 / 30.0
 
@@ -19,18 +17,19 @@ DT = 1.0 / 30.0
 def drive(boxes, start: Pose2, goal: tuple[float, float], seconds: float, is_final: bool = True):
     """A body that follows its commands exactly; the poses (n, 3), the commands (n, 3) and the least range."""
     body = disc_body()
-    policy = DynamicWindow(body, LIDAR)
+    policy, sensors = DynamicWindow(body, LIDAR), Sensors()
     policy.reset()
-    pose, command = start, VelocityCommand(0.0, 0.0, 0.0)
+    pose, command, motion = start, STOP, STANDING
     poses, commands, least = [], [], math.inf
-    for k in range(round(seconds / DT)):
+    for _ in range(round(seconds / DT)):
         ranges = ranges_to_boxes(boxes, pose)
         least = min(least, float(ranges.min()))
         c, s = math.cos(pose.yaw), math.sin(pose.yaw)
         dx, dy = goal[0] - pose.x, goal[1] - pose.y
         waypoint = (c * dx + s * dy, -s * dx + c * dy)
-        command = policy.command(LocalObservation(Scan(k * DT, ranges), waypoint, is_final, Twist2(*command)))
-        pose = compose(pose, Pose2(command.v_x * DT, 0.0, command.w_z * DT))
+        command = policy.command(sensors.see(ranges, motion, Twist2(*command)), LocalGoal(waypoint, is_final))
+        motion = Pose2(command.v_x * DT, 0.0, command.w_z * DT)
+        pose = compose(pose, motion)
         poses.append(pose)
         commands.append(command)
         if distance(pose, goal) < 0.1:
@@ -80,37 +79,45 @@ def test_among_random_pillars_it_never_touches_anything(seed):
 
 
 def test_an_empty_scan_is_open_floor():
-    policy = DynamicWindow(disc_body(), LIDAR)
+    policy, sensors = DynamicWindow(disc_body(), LIDAR), Sensors()
     policy.reset()
-    nothing = Scan(0.0, np.full(360, np.inf))
+    command = STOP
     for _ in range(30):
-        command = policy.command(LocalObservation(nothing, (5.0, 0.0), False, Twist2(0.0, 0.0, 0.0)))
-    assert command.v_x == pytest.approx(1.0)  # pyright: ignore[reportPossiblyUnboundVariable]
+        command = policy.command(sensors.see(NOTHING), LocalGoal((5.0, 0.0), False))
+    assert command.v_x == pytest.approx(1.0)
 
 
-def test_distance_field_is_close_to_the_euclidean_distance():
-    config = DynamicWindowConfig()
-    cells = 2 * round(config.reach / config.resolution)
-    field = np.zeros((cells, cells), np.int16)
-    angles = LIDAR.angles_in_base()
-    beams = np.column_stack([np.cos(angles), np.sin(angles)])
-    ranges = ranges_to_boxes(room(4.0, 3.0), Pose2(1.7, 1.1, 0.3))
-    distance_field(ranges, beams, config.resolution, config.reach, field)
-    exact = np.asarray(distance_transform_edt(field != 0))
-    inner = slice(1, -1)
-    assert np.abs(field[inner, inner] / 5.0 - exact[inner, inner]).max() < 0.08 * exact.max()
+def at_full_speed() -> tuple[DynamicWindow, Sensors]:
+    policy, sensors = DynamicWindow(disc_body(), LIDAR), Sensors()
+    for _ in range(60):
+        command = policy.command(sensors.see(NOTHING), LocalGoal((5.0, 0.0), False))
+    assert command == (1.0, 0.0, 0.0)  # pyright: ignore[reportPossiblyUnboundVariable]
+    return policy, sensors
 
 
-@given(st.floats(0.2, 1.0), st.floats(0.2, 1.0))
-def test_discs_cover_the_footprint(length, width):
-    outline = np.array([[-length, -width], [length, -width], [length, width], [-length, width]]) / 2.0
-    discs = cover_by_discs(outline)
-    rng = np.random.default_rng(0)
-    inside = rng.uniform(-0.5, 0.5, (500, 2)) * (length, width)
-    away = np.hypot(inside[:, None, 0] - discs[:, 0], inside[:, None, 1] - discs[:, 1])
-    if length >= 0.7 * width:
-        assert (away <= discs[:, 2] + 1e-9).any(axis=1).all()
+@pytest.mark.parametrize(
+    "broken",
+    [
+        {"ranges": np.full(360, np.nan)},
+        {"ranges": np.where(np.arange(360) < 200, np.nan, 3.0)},
+        {"twist": Twist2(0.0, 0.0, math.nan)},
+        {"motion": Pose2(math.nan, 0.0, 0.0)},
+    ],
+)
+def test_it_stands_while_its_sensors_are_broken(broken):
+    policy, sensors = at_full_speed()
+    assert policy.command(sensors.see(**{"ranges": NOTHING, **broken}), LocalGoal((5.0, 0.0), False)) == STOP
 
 
-def test_a_round_body_is_one_disc():
-    np.testing.assert_allclose(cover_by_discs(disc_body(0.3).footprint), [[0.0, 0.0, 0.3]])
+@pytest.mark.parametrize("reason", ["no goal", "broken sensors"])
+def test_its_window_lies_about_a_stand_afterwards(reason):
+    policy, sensors = at_full_speed()
+    if reason == "no goal":
+        command = policy.command(sensors.see(NOTHING), None)
+    else:
+        command = policy.command(sensors.see(np.full(360, np.nan)), LocalGoal((5.0, 0.0), False))
+    assert command == STOP
+    again = policy.command(sensors.see(NOTHING), LocalGoal((5.0, 0.0), False))
+    assert again.v_x == pytest.approx(0.3)  # what a window of 0.3 s allows of 1 m/s^2
+    policy.reset()
+    assert policy.command(sensors.see(NOTHING), LocalGoal((5.0, 0.0), False)) == again

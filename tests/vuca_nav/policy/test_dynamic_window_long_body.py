@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.vuca_nav.rooms import LIDAR, ranges_to_boxes, room
+from tests.vuca_nav.rooms import LIDAR, NOTHING, Sensors, ranges_to_boxes, room
 from vuca_nav.geometry import between, compose, distance
-from vuca_nav.policy.base import STANDING, LocalObservation
+from vuca_nav.policy.base import LocalGoal
 from vuca_nav.policy.dynamic_window import DynamicWindow
-from vuca_nav.types import STOP, BodySpec, Pose2, Scan, Twist2
+from vuca_nav.types import STANDING, STOP, BodySpec, Pose2, Twist2
 
 DT = 1.0 / 30.0
 OUTLINE = np.array([[-0.38, -0.19], [0.38, -0.19], [0.38, 0.19], [-0.38, 0.19]])
@@ -32,14 +32,14 @@ def drive(
     boxes: np.ndarray, start: Pose2, goal: tuple[float, float], seconds: float, believed: BodySpec, delay: float = 0.0
 ):
     """A body of ``LONG``'s limits that answers ``delay`` late: poses (n, 3), least clearance, least distance to go."""
-    policy = DynamicWindow(believed, LIDAR)
+    policy, sensors = DynamicWindow(believed, LIDAR), Sensors()
     pending = deque([STOP] * round(delay / DT))
     pose, asked, motion, rng = start, STOP, STANDING, np.random.default_rng(0)
     poses, least, to_go = [], math.inf, math.inf
-    for k in range(round(seconds / DT)):
+    for _ in range(round(seconds / DT)):
         ranges = ranges_to_boxes(boxes, pose) + rng.normal(0.0, 0.02, LIDAR.num_beams)
         waypoint = between(pose, Pose2(*goal, 0.0))[:2]
-        command = policy.command(LocalObservation(Scan(k * DT, ranges), waypoint, False, Twist2(*asked), motion))
+        command = policy.command(sensors.see(ranges, motion, Twist2(*asked)), LocalGoal(waypoint, False))
         limits = np.array([LONG.max_a_x, LONG.max_a_y, LONG.max_a_w]) * DT
         pending.append(type(STOP)(*(asked + np.clip(np.subtract(command, asked), -limits, limits)).tolist()))
         asked = pending[-1]
@@ -76,13 +76,12 @@ def test_it_stands_rather_than_turn_where_it_is_shut_in():
 
 def command_at_full_speed(body: BodySpec, to_wall: float) -> float:
     """[m/s], for the first scan in which a wall is straight ahead [m]."""
-    policy = DynamicWindow(body, LIDAR)
-    nothing = Scan(0.0, np.full(LIDAR.num_beams, np.inf))
-    commands = [policy.command(LocalObservation(nothing, (6.0, 0.0), False, Twist2(0.0, 0.0, 0.0))) for _ in range(60)]
+    policy, sensors = DynamicWindow(body, LIDAR), Sensors()
+    commands = [policy.command(sensors.see(NOTHING), LocalGoal((6.0, 0.0), False)) for _ in range(60)]
     assert commands[-1] == (1.2, 0.0, 0.0)
     wall = np.array([[to_wall, -8.0, to_wall + 0.2, 8.0]])
-    scan = Scan(0.0, ranges_to_boxes(wall, Pose2(0.0, 0.0, 0.0)))
-    return policy.command(LocalObservation(scan, (to_wall + 0.1, 0.0), False, Twist2(0.0, 0.0, 0.0))).v_x
+    percept = sensors.see(ranges_to_boxes(wall, STANDING))
+    return policy.command(percept, LocalGoal((to_wall + 0.1, 0.0), False)).v_x
 
 
 @pytest.mark.parametrize("to_wall", [0.8, 0.9, 1.1, 1.4, 1.7, 2.0])

@@ -5,22 +5,26 @@ import numpy as np
 import pytest
 
 from tests.vuca_nav.random_policy import random_policy
-from tests.vuca_nav.rooms import LIDAR, disc_body, ranges_to_boxes, room, scan_of
+from tests.vuca_nav.rooms import LIDAR, NOTHING, Sensors, disc_body, percept_of, ranges_to_boxes, room, scan_of
 from vuca_nav.errors import BadArgument
 from vuca_nav.geometry import compose
-from vuca_nav.navigator import Navigator
-from vuca_nav.policy.base import LocalObservation, LocalPolicy
+from vuca_nav.navigator import Navigator, NavigatorConfig
+from vuca_nav.perception.percept import Percept
+from vuca_nav.perception.perception import PerceptionConfig
+from vuca_nav.policy.base import LocalGoal, LocalPolicy
 from vuca_nav.policy.learned import BLIND_SHARE, LearnedPolicy
 from vuca_nav.policy.network import UNIFORM_GATE
 from vuca_nav.policy.observation import ObservationConfig, Observer, command_from_action, limits_of
 from vuca_nav.policy.weights_file import load_weights
 from vuca_nav.telemetry.interface import Telemetry
-from vuca_nav.types import STOP, LidarSpec, Odometry, Pose2, Scan, Twist2, VelocityCommand
+from vuca_nav.types import STANDING, STOP, LidarSpec, Odometry, Pose2, Twist2, VelocityCommand
 
 DT = 1.0 / 30.0
 BODY = replace(disc_body(), min_v_x=-0.4, max_v_y=0.3, max_w_z=1.5)
 ROOM = room(8.0, 6.0)
 START = Pose2(1.0, 3.0, 0.0)
+STEP, TWIST = Pose2(0.01, 0.0, 0.01), Twist2(0.3, 0.0, 0.1)
+GOAL = LocalGoal((2.0, 1.0), False)
 
 
 class Told(Telemetry):
@@ -36,9 +40,12 @@ def weights(request, tmp_path):
     return load_weights(random_policy(tmp_path / "p.safetensors", ObservationConfig(kind=request.param)))
 
 
-def seen(tick: int, waypoint=(2.0, 1.0), ranges=None, twist=(0.3, 0.0, 0.1)) -> LocalObservation:
-    scan = ranges_to_boxes(ROOM, Pose2(2.0 + 0.01 * tick, 3.0, 0.01 * tick)) if ranges is None else ranges
-    return LocalObservation(Scan(tick * DT, scan), waypoint, False, Twist2(*twist), Pose2(0.01, 0.0, 0.01))
+def ranges_at(tick: int) -> np.ndarray:
+    return ranges_to_boxes(ROOM, Pose2(2.0 + 0.01 * tick, 3.0, 0.01 * tick))
+
+
+def next_percept(sensors: Sensors, tick: int) -> Percept:
+    return sensors.see(ranges_at(tick), STEP, TWIST)
 
 
 def within_limits(command: VelocityCommand) -> bool:
@@ -48,15 +55,19 @@ def within_limits(command: VelocityCommand) -> bool:
 
 
 def test_a_command_is_the_networks_action_on_the_observers_observation(weights):
-    policy = LearnedPolicy(BODY, LIDAR, weights)
+    policy, sensors = LearnedPolicy(BODY, LIDAR, weights), Sensors()
     observer = Observer(weights.observation, [BODY], 360, 30.0)
     out, action = np.empty((1, observer.size), np.float32), np.empty(3)
     command = STOP
     for tick in range(15):
-        now = seen(tick)
-        command = policy.command(now)
+        percept = next_percept(sensors, tick)
+        command = policy.command(percept, GOAL)
         observer.observe(
-            now.scan.ranges[None], np.array([now.waypoint_in_base]), np.array([now.twist]), np.array([now.motion]), out
+            percept.scan.ranges[None],
+            np.array([GOAL.point_in_base]),
+            np.array([percept.twist]),
+            np.array([percept.motion]),
+            out,
         )
         policy.network.act(out[0], action)
         assert command == tuple(command_from_action(action, limits_of(BODY)))
@@ -64,34 +75,42 @@ def test_a_command_is_the_networks_action_on_the_observers_observation(weights):
     assert command != STOP
 
 
-def test_looking_first_and_being_told_the_waypoint_later_is_the_same(weights):
-    at_once, first = LearnedPolicy(BODY, LIDAR, weights), LearnedPolicy(BODY, LIDAR, weights)
+def test_it_remembers_nothing_of_its_own(weights):
+    always, seldom, sensors = LearnedPolicy(BODY, LIDAR, weights), LearnedPolicy(BODY, LIDAR, weights), Sensors()
     for tick in range(10):
-        first.look(seen(tick, waypoint=(-1.0, -1.0)))
-        assert first.command(seen(tick)) == at_once.command(seen(tick))
+        percept = next_percept(sensors, tick)
+        command = always.command(percept, GOAL)
+        if tick % 4 == 1:
+            seldom.command(percept, LocalGoal((-1.0, -1.0), False))
+            assert seldom.command(percept, GOAL) == command
+        elif tick % 4 == 2:
+            assert seldom.command(percept, None) == STOP
+        elif tick % 4 == 3:
+            seldom.reset()
+            assert seldom.command(percept, GOAL) == command
 
 
 def test_after_a_reset_or_a_gap_in_time_the_past_is_forgotten(weights):
-    new = LearnedPolicy(BODY, LIDAR, weights)
-    after_reset, after_gap = LearnedPolicy(BODY, LIDAR, weights), LearnedPolicy(BODY, LIDAR, weights)
+    policy = LearnedPolicy(BODY, LIDAR, weights)
+    new, after_reset, after_gap = Sensors(), Sensors(), Sensors()
     for tick in range(10):
-        after_reset.command(seen(tick))
-        after_gap.command(seen(tick))
-    after_reset.reset()
+        next_percept(after_reset, tick)
+        next_percept(after_gap, tick)
+    after_reset.perception.reset()
+    after_gap.skip(10)
     for tick in range(20, 30):
-        command = new.command(seen(tick))
-        assert after_reset.command(seen(tick)) == command
-        assert after_gap.command(seen(tick)) == command
+        command = policy.command(next_percept(new, tick), GOAL)
+        for sensors in (after_reset, after_gap):
+            assert policy.command(next_percept(sensors, tick), GOAL) == pytest.approx(command, abs=1e-9)
 
 
 def test_without_any_return_it_creeps(weights):
     policy = LearnedPolicy(BODY, LIDAR, weights)
-    nothing = np.full(360, np.inf)
-    command = policy.command(seen(0, ranges=nothing))
-    one = nothing.copy()
+    command = policy.command(percept_of(NOTHING), GOAL)
+    one = NOTHING.copy()
     one[0] = 11.0  # too far to be told from nothing in the observation
-    policy.reset()
-    free = policy.command(seen(0, ranges=one))
+    free = policy.command(percept_of(one), GOAL)
+    assert free != STOP
     assert command == pytest.approx([BLIND_SHARE * v for v in free])
     assert all(math.isfinite(v) for v in command)
 
@@ -101,39 +120,46 @@ def test_without_any_return_it_creeps(weights):
     [
         {"ranges": np.full(360, np.nan)},
         {"ranges": np.where(np.arange(360) < 200, np.nan, 3.0)},
-        {"waypoint": (math.nan, 0.0)},
-        {"waypoint": (math.inf, 0.0)},
-        {"twist": (0.0, 0.0, math.nan)},
+        {"twist": Twist2(0.0, 0.0, math.nan)},
+        {"twist": Twist2(math.inf, 0.0, 0.0)},
     ],
 )
-def test_what_cannot_be_trusted_stops_it_and_is_not_remembered(weights, bad):
-    policy, new = LearnedPolicy(BODY, LIDAR, weights), LearnedPolicy(BODY, LIDAR, weights)
-    assert policy.command(seen(0)) != STOP
-    assert policy.command(seen(1, **bad)) == STOP
-    assert policy.observation is None
+def test_what_is_not_valid_stops_it_and_is_not_remembered(weights, bad):
+    policy, sensors, new = LearnedPolicy(BODY, LIDAR, weights), Sensors(), Sensors()
+    assert policy.command(next_percept(sensors, 0), GOAL) != STOP
+    percept = sensors.see(bad.get("ranges", ranges_at(1)), STEP, bad.get("twist", TWIST))
+    assert policy.command(percept, GOAL) == STOP
     for tick in range(2, 12):
-        assert policy.command(seen(tick)) == new.command(seen(tick)) != STOP
+        command = policy.command(next_percept(new, tick), GOAL)
+        assert policy.command(next_percept(sensors, tick), GOAL) == pytest.approx(command, abs=1e-9)
+        assert command != STOP
+
+
+@pytest.mark.parametrize("waypoint", [(math.nan, 0.0), (math.inf, 0.0)])
+def test_a_waypoint_that_is_not_finite_stops_it(weights, waypoint):
+    policy, percept = LearnedPolicy(BODY, LIDAR, weights), percept_of(ranges_at(0))
+    assert policy.command(percept, LocalGoal(waypoint, False)) == STOP
+    assert policy.command(percept, GOAL) != STOP
 
 
 def test_a_few_invalid_beams_are_left_out(weights):
-    policy, other = LearnedPolicy(BODY, LIDAR, weights), LearnedPolicy(BODY, LIDAR, weights)
-    ranges = ranges_to_boxes(ROOM, Pose2(4.0, 3.0, 0.0))
+    policy, ranges, commands = LearnedPolicy(BODY, LIDAR, weights), ranges_to_boxes(ROOM, Pose2(4.0, 3.0, 0.0)), []
     for invalid in (np.nan, np.inf):
         ranges[100:105] = invalid
-        (policy if np.isnan(invalid) else other).command(seen(0, ranges=ranges.copy()))
-    assert np.array_equal(np.asarray(policy.observation), np.asarray(other.observation))
+        commands.append(policy.command(percept_of(ranges.copy()), GOAL))
+    assert commands[0] == commands[1] != STOP
 
 
 def test_the_shares_are_told_at_every_tick(weights):
-    told = Told()
+    told, sensors = Told(), Sensors()
     policy = LearnedPolicy(BODY, LIDAR, weights, telemetry=told)
     for tick in range(4):
-        policy.command(seen(tick))
+        policy.command(next_percept(sensors, tick), GOAL)
     assert len(told.shares) == 4
     assert told.shares[-1] == pytest.approx(policy.network.shares)
     assert sum(policy.network.shares) == pytest.approx(1.0)
     uniform = LearnedPolicy(BODY, LIDAR, weights, UNIFORM_GATE)
-    uniform.command(seen(0))
+    uniform.command(percept_of(ranges_at(0)), GOAL)
     assert uniform.network.shares == pytest.approx([0.25] * 4)
 
 
@@ -145,20 +171,18 @@ def test_a_lidar_that_does_not_fit_is_refused(weights):
 
 
 class Recorder(LocalPolicy):
-    """Goes in an arc; keeps what it is given."""
+    """Goes in an arc; keeps the motions and waypoints that it is given."""
 
     def __init__(self):
-        self.looked: list[LocalObservation] = []
-        self.commanded: list[LocalObservation] = []
+        self.motions: list[Pose2] = []
+        self.goals: list[LocalGoal | None] = []
 
     def reset(self):
-        self.looked, self.commanded = [], []
+        self.motions, self.goals = [], []
 
-    def look(self, observation):
-        self.looked.append(observation)
-
-    def command(self, observation):
-        self.commanded.append(observation)
+    def command(self, percept, goal):
+        self.motions.append(percept.motion)
+        self.goals.append(goal)
         return VelocityCommand(0.3, 0.0, 0.2)
 
 
@@ -166,7 +190,7 @@ def drive(navigator: Navigator, ticks: int, start=START) -> list[VelocityCommand
     """In a corridor with an open end, so that there are frontiers."""
     walls = np.array([[0.0, 1.0, 30.0, 1.2], [0.0, 5.0, 30.0, 5.2], [-0.2, 1.0, 0.0, 5.2]])
     navigator.reset(start, (40.0, 3.0))
-    pose, odom, commands = start, Pose2(0.0, 0.0, 0.0), []
+    pose, odom, commands = start, STANDING, []
     for k in range(ticks):
         twist = Twist2(*(commands[-1] if commands else STOP))
         command = navigator.step(scan_of(walls, pose, k * DT), Odometry(k * DT, odom, twist))
@@ -180,11 +204,11 @@ def test_the_navigator_hands_on_the_odometrys_motion_at_every_tick():
     recorder = Recorder()
     navigator = Navigator(BODY, LIDAR, recorder)
     commands = drive(navigator, 12)
-    assert len(recorder.looked) == 12
-    assert recorder.looked[0].motion == (0.0, 0.0, 0.0)
-    for before, observation in zip(commands[:-1], recorder.looked[1:]):
-        assert observation.motion == pytest.approx((before.v_x * DT, 0.0, before.w_z * DT), abs=1e-9)
-    assert [o.motion for o in recorder.commanded] == [o.motion for o in recorder.looked]
+    assert len(recorder.motions) == 12
+    assert recorder.motions[0] == STANDING
+    for before, motion in zip(commands[:-1], recorder.motions[1:]):
+        assert motion == pytest.approx((before.v_x * DT, 0.0, before.w_z * DT), abs=1e-9)
+    assert all(goal is not None and not goal.is_final for goal in recorder.goals)
 
 
 def test_in_the_stack_the_same_drive_gives_the_same_commands(weights):
@@ -195,3 +219,11 @@ def test_in_the_stack_the_same_drive_gives_the_same_commands(weights):
     assert len(told.shares) == 30
     assert all(within_limits(command) for command in commands)
     assert drive(navigator, 30) == commands
+
+
+def test_a_perception_that_does_not_remember_enough_is_refused_in_the_stack(tmp_path):
+    weights = load_weights(random_policy(tmp_path / "p.safetensors", ObservationConfig(history=3)))
+    config = NavigatorConfig(perception=PerceptionConfig(memory=0.2))
+    navigator = Navigator(BODY, LIDAR, LearnedPolicy(BODY, LIDAR, weights), config)
+    with pytest.raises(BadArgument, match="give it a greater memory"):
+        drive(navigator, 1)
