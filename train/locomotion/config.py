@@ -33,7 +33,7 @@ trained at 120 Hz tracks as well there."""
 
 STEPS = 8_000_000
 """Control steps of the full recipe: 13 to 22 minutes on one core. After twice as many it follows commands better and
-falls far more often (docs/locomotion.md)."""
+falls far more often (docs/findings.md)."""
 
 
 @dataclass(frozen=True, slots=True)
