@@ -259,17 +259,19 @@ def build(
     Raises:
         VucaError: Weights cannot be used.
     """
+    weights = None if method.weights is None else load_weights(method.weights)
+    memory = max(method.perception.memory, 0.0 if weights is None else weights.observation.memory)
     explorer = ExplorerConfig(gamma=method.gamma or 0.0, hysteresis=method.explorer.hysteresis)
     config = NavigatorConfig(
         exploration_rate=method.explorer.rate,
-        perception=method.perception,
+        perception=replace(method.perception, memory=memory),
         slam=SlamConfig(localisation=localisation),
         explorer=explorer,
     )
     if method.controller == "dynamic-window":
         return Navigator(body, lidar, DynamicWindow(body, lidar), config, telemetry)
-    assert method.weights is not None
-    policy = LearnedPolicy(body, lidar, load_weights(method.weights), method.gate or Gate(), telemetry)
+    assert weights is not None
+    policy = LearnedPolicy(body, lidar, weights, method.gate or Gate(), telemetry)
     shielded = Shield(body, lidar, policy) if method.shield else policy
     if method.critic is None:
         return Navigator(body, lidar, shielded, config, telemetry)
