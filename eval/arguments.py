@@ -1,4 +1,4 @@
-"""What the commands of this package can be told: their fields are the flags, their docstrings the help."""
+"""The arguments of this package's commands: fields are flags, their docstrings the help."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,13 +19,13 @@ class SceneArguments:
     world: str = "factory"
     """A world's name (see vuca list worlds), or a scene file ending in .yaml."""
     region: Annotated[int | None, _optional("K")] = None
-    """How many quarters of the factory, 1 to 4."""
+    """Number of quarters of the factory, 1 to 4."""
     seed: int = 0
     """Seed of the world, its moving obstacles and the sensors' noise."""
     without: str = ""
     """Difficulties left out: V moving obstacles, U the map unknown, C corridors, A noise of the sensors."""
     movers: Annotated[int | None, _optional("N")] = None
-    """How many moving obstacles, in the worlds that let one choose."""
+    """Number of moving obstacles, in the worlds that let one choose."""
     start: Annotated[tuple[float, float, float] | None, _optional("X Y YAW")] = None
     """Start here instead [m, m, rad]."""
     goal: Annotated[tuple[float, float] | None, _optional("X Y")] = None
@@ -52,7 +52,7 @@ class DriverArguments:
     """Rate exploration's candidates by this critic instead of the shipped one; for a method with V^h (see vuca train
     critic)."""
     gamma: Annotated[float | None, _optional("G")] = None
-    """Weight of V^h: extra way [m] that is worth it if it surely spares meeting somebody; for a method with V^h."""
+    """Weight of V^h: extra way [m] that is worth it if it surely spares meeting a mover; for a method with V^h."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class ListArguments:
     what: tyro.conf.Positional[Literal["worlds", "robots", "methods", "suites"]]
     """What to list."""
     json: bool = False
-    """As one JSON object."""
+    """End with one JSON object on stdout."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,7 +126,7 @@ class ReportArguments:
 
 @dataclass(frozen=True, kw_only=True)
 class HeatmapArguments(EpisodeArguments):
-    """Draw what the critic makes of every place around the robot as a goal, V^h, at one moment of a run."""
+    """Draw V^h around the robot at one moment of a run: the critic's value of every place as a goal."""
 
     out: Path
     """The picture, a PNG file."""

@@ -185,7 +185,7 @@ def _episode(arguments: EpisodeArguments, default: str) -> EpisodeConfig:
 
 
 def _options(arguments: DriverArguments) -> MethodOptions:
-    """What is changed of the method."""
+    """The changes to the method that the arguments ask for."""
     from eval.methods import MethodOptions
 
     return MethodOptions(

@@ -43,15 +43,15 @@ class EpisodeConfig:
     method: str = BEST
     """A method's name."""
     seed: int = 0
-    """Of the world's layout, of its movers and of the sensors' noise."""
+    """Seed of the world's layout, of its movers and of the sensors' noise."""
     without: str = ""
     """Difficulties left out: V moving obstacles, U the map unknown, C corridors, A noise of the sensors."""
     movers: int | None = None
-    """How many moving obstacles, where the world lets one choose."""
+    """Number of moving obstacles, where the world lets one choose."""
     start: tuple[float, float, float] | None = None
-    """Instead of the world's own: x [m], y [m], yaw [rad]."""
+    """Start instead of the world's own: x [m], y [m], yaw [rad]."""
     goal: tuple[float, float] | None = None
-    """Instead of the world's own [m]."""
+    """Goal instead of the world's own [m]."""
     options: MethodOptions = UNCHANGED
     """Changes to the method."""
 
@@ -78,7 +78,7 @@ CONFIG_FIELDS = tuple(EpisodeConfig().row())
 
 @dataclass(frozen=True, slots=True)
 class EpisodeResult:
-    """What came of an episode."""
+    """The result of an episode."""
 
     config: EpisodeConfig
     outcome: Outcome
@@ -87,21 +87,21 @@ class EpisodeResult:
     duration: float
     """Simulated time at which the episode ended [s]."""
     shortest_path: float
-    """Length of the shortest way for the body's footprint, moving obstacles left out [m]."""
+    """Length of the shortest path for the body's footprint, moving obstacles left out [m]."""
     collided_with: str | None
-    """Kind of what the robot touched, "wall" or "cart" for example."""
+    """Kind of the obstacle or mover that the robot touched, "wall" or "cart" for example."""
     way: str | None
     """The first of the world's ways to the goal that the robot entered; None if the world names none, or it did not."""
     metrics: Metrics
     real_time_factor: float
     """Simulated time over the loop's wall time, the whole loop in one process: physics, sensors and stack."""
     wall_time: float
-    """Of the loop [s]."""
+    """Wall time of the loop [s]."""
     set_up_time: float
     """Wall time of building the world, the body and the stack [s]."""
 
     def row(self) -> dict[str, Any]:
-        """One flat JSON object; a number that is not finite is None."""
+        """The result as one flat JSON object; a number that is not finite is None."""
         own = asdict(self)
         metrics = own.pop("metrics")
         own.pop("config")
@@ -204,7 +204,7 @@ class Episode:
         )
 
     def judge(self, simulation: Simulation) -> Outcome | None:
-        """How the episode ended, None while it goes on. Touching something in the last step still counts."""
+        """Outcome of the episode, None while it goes on. A contact in the last step still counts."""
         if simulation.contact is not None:
             return "collision"
         if simulation.fallen:

@@ -18,14 +18,14 @@ from vuca_nav.provenance import machine
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """What came of an evaluation."""
+    """The result of an evaluation."""
 
     rows: tuple[Row, ...]
-    """In the order of the episodes asked for."""
+    """Rows in the order of the episodes asked for."""
     groups: list[Row]
-    """The summary, a group for each thing compared."""
+    """The summary: one group for each place, robot and method."""
     total: Row
-    """The same of all rows."""
+    """The summary of all rows."""
     crashes: tuple[Crash, ...]
     """Episodes that could not be run."""
 

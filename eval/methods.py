@@ -51,7 +51,7 @@ class MethodConfig:
     weights: Path | None = None
     """Weights file of the network."""
     gate: Gate | None = None
-    """What decides on the shares of the network's experts; None for a network of a single one."""
+    """Source of the shares of the network's experts; None for a network of a single expert."""
     shield: bool = False
     """Whether a shield filters the controller's commands."""
     critic: Path | None = None
@@ -100,9 +100,10 @@ METHODS: dict[str, Method] = {
     "single-plus": Method("one network that sees what fusion-plus sees, D^h", _network("single-plus")),
 }
 BEST = "ours-dh"
-"""What runs where no method is named: until V^h is mended, the stack without it arrives more often (README)."""
+"""The method that runs where none is named. In the demo's mission (factory region 1, seed 8) `ours` circles four times
+before one junction, and in the building TIAGo arrives in 2 of 10 missions with V^h (seeds 11 to 20), in 9 without."""
 BEST_WITH_CRITIC = "ours"
-"""What runs where no method is named and V^h is asked for."""
+"""The method that runs where none is named and V^h is asked for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +139,7 @@ UNCHANGED = MethodOptions()
 
 
 class _Lack(NamedTuple):
-    """What a method must have for an option to go with it."""
+    """A stage that a method must have for an option to go with it, and the message if it has none."""
 
     message: str
     has: Callable[[MethodConfig], bool]
@@ -228,7 +229,7 @@ def title_of(method: str, options: dict[str, Any]) -> str:
 
 
 def identity_of(config: MethodConfig) -> dict[str, Any]:
-    """What tells evaluations apart: the resolved configuration, weights by name and by content.
+    """Identity of an evaluation's method: the resolved configuration, weights by name and by content.
 
     Args:
         config: Of ``resolve``.

@@ -1,4 +1,4 @@
-"""What is measured of an episode, tick by tick, from what is true. Nothing here is shown to the stack."""
+"""The metrics of an episode, accumulated tick by tick from the true state. Nothing here reaches the stack."""
 
 import math
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from vuca_nav.task import GOAL_TOLERANCE, risk_score
 from vuca_nav.types import Pose2, Scan
 
 TIMING_FIELDS = ("real_time_factor", "wall_time", "set_up_time")
-"""The fields of a result that tell about the computer: all others are the same bits for the same seed."""
+"""The fields of a result that depend on the computer: all others are the same bits for the same seed."""
 
 
 def success_weighted_path_length(success: bool, shortest: float, path_length: float) -> float:
@@ -33,7 +33,7 @@ class Metrics:
     steps: int
     """Control steps, 30 a second."""
     path_length: float
-    """Of the true path [m]."""
+    """Length of the true path [m]."""
     spl: float
     """1 for the shortest way, 0 for a failure."""
     arsps: float
@@ -41,18 +41,18 @@ class Metrics:
     ansps: float
     """Average navigation score per step: the share of the straight-line distance covered, over the steps."""
     min_clearance: float
-    """Least true distance, in the plane, of the footprint to anything that stands or moves below the robot's height
-    [m]: of the prism over the footprint, as tall as the robot, which holds the body. A body narrower at some height
-    keeps farther off than this, and 0 need not be a contact."""
+    """Least true clearance of the footprint, in the plane, to any obstacle or mover below the robot's height [m]. It is
+    that of the prism over the footprint, as tall as the robot, which holds the body: a body that is narrower at some
+    height keeps farther off than this, and 0 need not be a contact."""
     slam_ate: float
     """Root mean square of the online estimate's position error over the episode [m]. Nothing is aligned: the
     start pose is given."""
     slam_final_error: float
     """Position error of the last online estimate [m]."""
     odometry_ate: float
-    """The same of dead reckoning: odometry alone, from the same start [m]."""
+    """Root mean square position error of dead reckoning: odometry alone, from the same start [m]."""
     odometry_final_error: float
-    """[m]"""
+    """Position error of dead reckoning at the end [m]."""
 
 
 class MetricsRecorder:
@@ -77,14 +77,14 @@ class MetricsRecorder:
         self._slam_error = self._odometry_error = 0.0
 
     def add(self, scan: Scan, odom_from_base: Pose2, true_pose: Pose2, estimate: Pose2, clearance: float) -> None:
-        """One step, after it was made.
+        """Add one step, after it was made.
 
         Args:
             scan: What the robot saw when it decided on this step.
             odom_from_base: Odometry at that moment, the identity at the start.
             true_pose: Where the robot truly was at that moment.
             estimate: Where the stack believed to be, from that scan and that odometry.
-            clearance: True distance of the footprint to anything but the floor at that moment [m].
+            clearance: True clearance of the footprint at that moment [m].
         """
         self._steps += 1
         self._risk += float(risk_score(float(scan.ranges.min())))

@@ -1,4 +1,4 @@
-"""What a single run shows of itself: a line on a terminal while it drives, a table at the end."""
+"""The display of a single run: a line on a terminal while it drives, a table at the end."""
 
 import time
 from typing import Any, TextIO
@@ -71,7 +71,7 @@ _TABLE = (
 
 
 def result_table(row: dict[str, Any]) -> str:
-    """A row of a result for people: what was run, the outcome, the figures with their units."""
+    """A result as text: what was run, the outcome, the figures with their units."""
     options = (f"{key} {row[key]}" for key in ("region", "movers", "without") if row[key] not in (None, ""))
     what = ", ".join([row["world"], *options, row["robot"], title_of(row["method"], row), f"seed {row['seed']}"])
     outcome = row["outcome"] + (f" with {row['collided_with']}" if row["collided_with"] else "")

@@ -44,12 +44,12 @@ RunEpisode = Callable[[EpisodeConfig], Row]
 
 
 def run_one(config: EpisodeConfig) -> Row:
-    """One episode as a row; the default job of a worker."""
+    """Run one episode and give its row; the default job of a worker."""
     return run_episode(config).row()
 
 
 def key_of(row: Row) -> str:
-    """What makes a row this episode's and no other's: its configuration."""
+    """Identity of the episode that a row is of: its configuration."""
     return repr([row.get(name) for name in CONFIG_FIELDS])
 
 
@@ -62,7 +62,7 @@ def run_episodes(configs: Sequence[EpisodeConfig], workers: int, job: RunEpisode
         job: What a worker does with a configuration; must be importable.
     """
     with worker_pool(max(1, min(workers, len(configs)))) as pool:
-        waiting = {pool.submit(_guarded, job, config): config for config in configs}
+        waiting = {pool.submit(_run_safely, job, config): config for config in configs}
         try:
             for future in as_completed(waiting):
                 config = waiting.pop(future)
@@ -90,8 +90,8 @@ def worker_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
         yield pool
 
 
-def _guarded(job: RunEpisode, config: EpisodeConfig) -> Row | Crash:
-    """The job, an exception turned into a value: some exceptions do not survive the way back."""
+def _run_safely(job: RunEpisode, config: EpisodeConfig) -> Row | Crash:
+    """Run the job and turn an exception into a value: some exceptions do not survive the way back."""
     try:
         return job(config)
     except Exception as error:
@@ -126,7 +126,7 @@ def _single_threaded_children() -> Iterator[None]:
 
 
 def provenance(config: EpisodeConfig) -> Row:
-    """What makes a result: versions and commit, the libraries that decide on its bits, all settings.
+    """Everything that decides on the bits of a result: versions, commit, libraries, all settings.
 
     Args:
         config: An episode of the evaluation. The settings are those of its robot and method with all difficulties: a

@@ -17,10 +17,10 @@ Row = dict[str, Any]
 
 
 class StoredConfig(NamedTuple):
-    """What ``config.json`` holds."""
+    """The content of ``config.json``."""
 
     config: Row
-    """What is run."""
+    """Suite, robot, method and episodes that are run."""
     made_by: Row
     """Versions, commit and settings of the code that runs it."""
     runs: list[Row]
@@ -81,7 +81,7 @@ class ResultStore:
             raise
 
     def __enter__(self) -> "ResultStore":
-        """Nothing more to do: the constructor opened it."""
+        """Give the store, which the constructor opened."""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -149,7 +149,7 @@ class ResultStore:
 
 
 def _first_difference(a: Any, b: Any, key: str = "") -> tuple[str, Any, Any] | None:
-    """Where two pieces of JSON differ, by the path to it, and what each of them has there."""
+    """The first difference of two JSON values: the path to it, and what each of them has there."""
     if isinstance(a, dict) and isinstance(b, dict):
         for name in sorted({*a, *b}):
             difference = _first_difference(a.get(name), b.get(name), f"{key}.{name}" if key else name)

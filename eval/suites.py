@@ -12,7 +12,7 @@ from worlds.registry import TRAINING_SEED
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One place of a suite, before it has a robot, a method and a seed."""
+    """A place and its difficulties: an episode without robot, method and seed."""
 
     world: str
     region: int | None = None
@@ -22,12 +22,12 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Suite:
-    """Tasks, each to be run with every seed."""
+    """A set of tasks, each to be run with every seed."""
 
     description: str
     tasks: tuple[Task, ...]
     seeds: range
-    """Unless others are asked for."""
+    """Seeds of the episodes, unless others are asked for."""
 
 
 REGIONS = (1, 2, 3, 4)

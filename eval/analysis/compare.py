@@ -17,7 +17,7 @@ from eval.store import Row
 from vuca_nav.errors import BadArgument
 
 EPISODE = ("world", "region", "movers", "without", "robot", "start", "goal", "seed")
-"""What makes it the same episode."""
+"""The fields of a row that make two rows the same episode."""
 
 
 def read_episodes(folder: Path, seeds: range | None = None) -> dict[str, Row]:
@@ -46,7 +46,7 @@ def read_episodes(folder: Path, seeds: range | None = None) -> dict[str, Row]:
 
 
 class Differences(NamedTuple):
-    """How two evaluations differ in one task."""
+    """The differences of two evaluations in one task."""
 
     pairs: int
     """Number of episodes that both have."""

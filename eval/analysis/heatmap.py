@@ -18,23 +18,23 @@ from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import FloatArray, Pose2
 
 MOST_PLACES = 1_000_000
-"""Some seconds of the critic's time."""
+"""Greatest number of places: some seconds of the critic's time."""
 SIZE = 900
 """Least side of the picture [px]."""
 VIRIDIS = np.array([[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]])
 """Five of matplotlib's colours of that name, evenly spaced; equal steps of value are equal steps to the eye."""
 WALL, ROBOT, RETURN, GOAL, TARGET = (15, 15, 15), (255, 255, 255), (255, 70, 70), (255, 200, 0), (255, 0, 190)
 MARGIN, BAR = 40, 60
-"""For the words and for the scale [px]."""
+"""Margin for the text, and width of the scale [px]."""
 
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """What is drawn."""
+    """The state of an episode that a heatmap shows."""
 
     config: EpisodeConfig
     time: float
-    """[s]"""
+    """Moment of the run [s]."""
     map_from_base: Pose2
     safety: SafetyMap
     occupied: NDArray[np.bool_]
@@ -42,22 +42,22 @@ class View:
     returns_in_map: FloatArray
     """(n, 2) of the last scan [m]."""
     target: tuple[float, float] | None
-    """Where the explorer is heading for [m]."""
+    """The explorer's target [m]; None if it has none."""
     goal: tuple[float, float]
-    """[m]"""
+    """Goal of the mission [m]."""
 
     @property
     def least(self) -> float:
-        """Of the values."""
+        """Least of the values."""
         return float(self.safety.values.min())
 
     @property
     def greatest(self) -> float:
-        """Of the values."""
+        """Greatest of the values."""
         return float(self.safety.values.max())
 
     def row(self) -> dict[str, Any]:
-        """As JSON holds it, the values left out."""
+        """The view as JSON holds it, the values left out."""
         return {
             **self.config.row(),
             "time": self.time,
@@ -136,7 +136,7 @@ def colours_of(values: FloatArray) -> NDArray[np.uint8]:
 
 
 def check_writable(path: Path) -> None:
-    """See that a file can be written, before much is done for what shall be in it; it is left as it was.
+    """Check that a file can be written, before the work for it is done; the file is left as it was.
 
     Raises:
         BadArgument: It cannot.
@@ -152,7 +152,7 @@ def check_writable(path: Path) -> None:
 
 
 def draw(view: View, path: Path) -> None:
-    """Into a PNG file.
+    """Draw a view into a PNG file.
 
     Raises:
         BadArgument: It cannot be written.

@@ -21,14 +21,14 @@ from vuca_nav.files import prepare_directory, write_whole
 
 INDEX = "index"
 LIBRARIES = ("vuca-nav", "mujoco", "numpy", "numba", "scipy")
-"""Whose versions a page names, as ``eval.runner.provenance`` records them."""
+"""The libraries whose versions a page names, as ``eval.runner.provenance`` records them."""
 
 
 class Evaluation(NamedTuple):
     """An evaluation as its directory holds it."""
 
     name: str
-    """Of the directory."""
+    """Name of the directory."""
     stored: StoredConfig
     episodes: dict[str, Row]
     """Rows by what makes them the same episode."""
@@ -127,7 +127,7 @@ def _what_was_run(evaluation: Evaluation) -> list[str]:
     facts += [
         ("commit", made_by.get("commit") or "unknown"),
         ("suite", config.get("suite")),
-        ("seeds", f"{seeds[0]} to {seeds[1] - 1}" if seeds else "unknown"),
+        ("seeds", " to ".join(_unique([str(seeds[0]), str(seeds[1] - 1)])) if seeds else "unknown"),
         ("episodes", f"{len(evaluation.episodes)} of {asked}"),
         ("robot", config.get("robot")),
         ("method", f"`{evaluation.method}`"),

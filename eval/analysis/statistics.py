@@ -42,7 +42,7 @@ def wilson_interval(successes: int, trials: int, z: float = Z_95) -> tuple[float
 def paired_difference(
     first: NDArray[np.bool_], second: NDArray[np.bool_], clusters: NDArray | None = None
 ) -> tuple[float, float, float]:
-    """How much more often the second succeeded in the same episodes, with its 95% interval.
+    """Difference of two success rates in the same episodes, second less first, with its 95% interval.
 
     Agresti and Min 2005: a half is added to each cell of the table of pairs. Of few pairs the interval may leave
     [-1, 1], where no difference is: it ends there.

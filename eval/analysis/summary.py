@@ -1,4 +1,4 @@
-"""From rows to a summary: rates with 95% intervals and means, a group for each thing compared."""
+"""Summaries of rows: rates with 95% intervals and means, one group for each place, robot and method."""
 
 import math
 from collections import Counter
@@ -40,7 +40,7 @@ _COLUMNS = (
 
 
 def is_result(row: Row) -> bool:
-    """Whether a row has what is summarised."""
+    """Whether a row has all the fields that a summary needs."""
     return row.get("outcome") in OUTCOMES and all(
         name in row and isinstance(row[name], (int, float, type(None))) for name in MEANS
     )

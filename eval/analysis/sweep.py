@@ -23,7 +23,7 @@ class SweepArguments:
     """Draw a share of the episodes over the number of moving obstacles, with 95% intervals."""
 
     folders: tyro.conf.Positional[tuple[Path, ...]]
-    """Of evaluations that are complete."""
+    """Directories of evaluations that are complete."""
     show: tuple[str, ...] = ("success",)
     """What to draw, a panel each: success, collision, timeout, fall, or a way's name, as quiet in the branches."""
     out: Path = Path("movers.png")
@@ -77,7 +77,7 @@ def read_groups(folder: Path) -> list[Row]:
 
 
 def draw(panels: dict[str, dict[str, list[Point]]], path: Path) -> None:
-    """Draw them, a panel for each share.
+    """Draw the lines, a panel for each share.
 
     Raises:
         BadArgument: If there is nothing to draw, or the file cannot be written.
@@ -105,7 +105,7 @@ def draw(panels: dict[str, dict[str, list[Point]]], path: Path) -> None:
 
 
 def main(arguments: SweepArguments) -> None:
-    """Read, draw."""
+    """Draw the figure that the arguments ask for."""
     groups = [group for folder in arguments.folders for group in read_groups(folder)]
     known = {*OUTCOMES, *(way for group in groups for way in group.get("ways") or {})}
     for show in arguments.show:

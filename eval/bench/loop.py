@@ -39,12 +39,12 @@ from worlds.registry import make_world
 
 SEED = 0
 POSES = 200
-"""From so many random poses the lidar looks."""
+"""Number of random poses that the lidar is cast from."""
 LOOP = EpisodeConfig(world="factory", region=4)
 REFERENCE, OURS = "dwa-dh", "ours"
 """The methods whose loops are timed."""
 LOOP_TIME, EPISODE_TIME = 100.0, 60.0
-"""Simulated at least, and of one episode at most [s]."""
+"""Least time that is simulated in all, and greatest of one episode [s]."""
 STAGES: list[dict[str, Any]] = [
     {"name": "physics", "owner": mujoco, "call": "mj_step"},
     {"name": "moving obstacles", "owner": MoverField, "call": "step"},
@@ -65,9 +65,9 @@ STAGES: list[dict[str, Any]] = [
     {"name": "shield", "owner": Shield, "call": "command"},
     {"name": "navigator, other", "owner": Navigator, "call": "step"},
 ]
-"""What is timed; each without the others that it calls, and those of one name together."""
+"""The calls that are timed, each without the others that it calls; those of one name count together."""
 WORLD = ("physics", "moving obstacles", "lidar", "simulation, other", "rest")
-"""Stages that are not the stack's."""
+"""The stages that do not belong to the stack."""
 
 
 def lidar_against_mujoco() -> list[Result]:

@@ -1,4 +1,4 @@
-"""How long the learned lower layer takes to decide: what it saw in crowded episodes, once more and timed."""
+"""Times of perception, policy and shield: crowded episodes are recorded, played back to them and timed."""
 
 import time
 from dataclasses import replace
@@ -22,19 +22,19 @@ from vuca_nav.types import Odometry, Pose2, Scan, VelocityCommand
 
 CROWD = EpisodeConfig(world="square", movers=24, method="ours")
 CROWD_TIME = 60.0
-"""Simulated at least [s]."""
+"""Least time that is simulated [s]."""
 REPEATS = 3
-"""Of which each tick's least disturbed one counts."""
+"""Number of times that each tick is played back; the least disturbed one counts."""
 TICK = 1000.0 / 30.0
-"""Until the next scan [ms]."""
+"""Time until the next scan [ms]."""
 CANDIDATES, CALLS = 200, 200
-"""How many points V^h is asked about at once, and how often."""
+"""Number of points that V^h is asked about at once, and of such calls."""
 POLICY_LIMIT, CRITIC_LIMIT = 0.3, 2.0
 """Goals: a step of a policy, V^h of ``CANDIDATES`` points [ms]."""
 
 
 class Tick(NamedTuple):
-    """What the sensors said at a tick, and what the local policy was asked."""
+    """The sensors' readings at a tick, and what the local policy was asked for."""
 
     scan: Scan
     odometry: Odometry
@@ -50,7 +50,7 @@ class Tape(LocalPolicy):
         self.goals: list[LocalGoal | None] = []
 
     def reset(self) -> None:
-        """Pass it on."""
+        """Reset the other policy."""
         self.policy.reset()
 
     def command(self, percept: Percept, goal: LocalGoal | None) -> VelocityCommand:
@@ -65,10 +65,10 @@ class Timed(LocalPolicy):
     def __init__(self, policy: LocalPolicy):
         self.policy = policy
         self.seconds = 0.0
-        """That it took since this was last set to 0."""
+        """Time that it took since this was last set to 0."""
 
     def reset(self) -> None:
-        """Pass it on."""
+        """Reset the other policy."""
         self.policy.reset()
 
     def command(self, percept: Percept, goal: LocalGoal | None) -> VelocityCommand:
@@ -108,10 +108,10 @@ def replay(
     """Times of the ticks at which a command was asked for.
 
     Args:
-        tapes: What is asked.
+        tapes: Recorded ticks, a list for each episode.
         perception: Reads the sensors.
-        policy: Who is timed.
-        shield: Who filters its commands; without one, the policy is asked directly.
+        policy: The policy that is timed.
+        shield: The shield over the policy; without one, the policy is asked directly.
 
     Returns:
         (n, 3) of perception, of the policy, and of the shield without it [s].
