@@ -42,7 +42,7 @@ class DriverArguments:
     """A method's name; vuca list methods shows them and which one is the default."""
     policy: Annotated[Path | None, _optional("FILE.safetensors")] = None
     """Drive by these weights instead of the method's own, as vuca train makes them."""
-    gate: Annotated[Literal["uniform"] | None, _optional("uniform")] = None
+    gate: Annotated[str | None, _optional("uniform")] = None
     """Give every expert the same share, instead of what the trained gate decides; for a fused policy."""
     without_expert: Annotated[int | None, _optional("N")] = None
     """Leave expert N out (1 to 4, as in the paper); the others share what it had; for a fused policy."""

@@ -106,14 +106,17 @@ BEST_WITH_CRITIC = "ours"
 """The method that runs where none is named and V^h is asked for."""
 
 
+UNIFORM = "uniform"
+
+
 @dataclass(frozen=True, slots=True)
 class MethodOptions:
     """Changes to a method; what is left at its default stays the method's own."""
 
     policy: str | None = None
     """Weights file of the network."""
-    gate: Literal["uniform"] | None = None
-    """Give every expert the same share."""
+    gate: str | None = None
+    """``"uniform"`` gives every expert the same share."""
     without_expert: int | None = None
     """Leave an expert out, by its number from 1 on."""
     no_shield: bool = False
@@ -124,7 +127,9 @@ class MethodOptions:
     """Weight of V^h [m]."""
 
     def __post_init__(self) -> None:
-        """Raises BadArgument for a gamma that is negative or not finite."""
+        """Raises BadArgument for a gamma that is negative or not finite, or another gate than the uniform one."""
+        if self.gate not in (None, UNIFORM):
+            raise BadArgument(f"--gate must be {UNIFORM}, or left out for the trained gate; got {self.gate!r}")
         if self.gamma is not None and not 0.0 <= self.gamma < math.inf:
             raise BadArgument(f"--gamma must be 0 or more, got {self.gamma}")
 
@@ -180,7 +185,7 @@ def resolve(name: str, options: MethodOptions = UNCHANGED) -> MethodConfig:
             those = ", ".join(other for other, method in METHODS.items() if lack.has(method.config))
             raise BadArgument(f"method {name!r} {lack.message}; {flag_of(option)} goes with: {those}")
     if config.gate is not None:
-        gate = Gate(uniform=options.gate == "uniform", without=options.without_expert)
+        gate = Gate(uniform=options.gate == UNIFORM, without=options.without_expert)
         config = replace(config, gate=gate)
     if options.no_shield:
         config = replace(config, shield=False)

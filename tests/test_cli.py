@@ -150,7 +150,7 @@ MISTAKES = [
     (["run", "--method", "FUSION"], "unknown method 'FUSION'; did you mean 'fusion'?"),
     (["run", "--critic", "s.safetensors"], "'ours-dh' has no V^h; --critic goes with: ours"),
     (["run", "--method", "dwa-dh", "--gate", "uniform"], "--gate goes with: ours, ours-dh, fusion, fusion-plus"),
-    (["run", "--gate", "skewed"], "invalid choice 'skewed' for argument '--gate'. Expected one of ('uniform')"),
+    (["run", "--gate", "skewed"], "--gate must be uniform, or left out for the trained gate; got 'skewed'"),
     (["run", "--without-expert", "0"], "cannot leave out expert 0: fusion-plus.safetensors has 4, numbered 1 to 4"),
     (["run", "--method", "single", "--no-shield"], "'single' has no shield; --no-shield goes with: ours, ours-dh"),
     (["run", "--method", "ours", "--critic", "s.safetensors"], "no weights of a critic at s.safetensors"),
@@ -253,6 +253,15 @@ def test_a_start_inside_a_wall(room):
 
 def test_a_goal_outside_the_bounds(room):
     assert_one_clear_line(vuca_here("run", "--world", room, "--goal", "50", "2"), "run", "goal")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
+def test_a_mistake_is_told_alike_on_every_terminal(encoding, monkeypatch):
+    monkeypatch.setenv("PYTHONIOENCODING", encoding)
+    line = vuca("run", "--region", "four").stderr
+    assert line.startswith(
+        "vuca run: Error parsing --region: no type matching INT could be instantiated from ['four'] ("
+    )
 
 
 @pytest.mark.parametrize("path", ["missing/dir/run.rrd", "."])

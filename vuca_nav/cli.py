@@ -135,16 +135,25 @@ def _parse(kind: type[Arguments], program: str, argv: list[str]) -> Arguments:
 
 
 def _first_paragraph(box: str) -> str:
-    """The message inside one of tyro's boxes, up to its first rule or its list of attempts, as one line."""
+    """The message inside one of tyro's boxes, up to its first rule or its list of attempts, as one line.
+
+    Where the terminal has no Unicode, the box has no frame, and a rule of hyphens under its title.
+    """
     words: list[str] = []
+    in_title = "╭" not in box
     for line in box.splitlines():
         text = line.strip(" │")
         if line.startswith(("╭", "╰")):
             continue
-        if text.startswith("────") or text == "Got errors:":
+        if text.startswith(("────", "----")):
+            if not in_title:
+                break
+            in_title, words = False, []
+            continue
+        if text == "Got errors:":
             break
         words += text.split()
-    return " ".join(words).replace("{None}|", "").replace("'None', ", "").rstrip(".") or "bad arguments"
+    return " ".join(words).replace("{None}|", "").rstrip(".") or "bad arguments"
 
 
 def _bad_input(name: str, message: str) -> int:
