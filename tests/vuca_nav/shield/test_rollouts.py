@@ -138,10 +138,8 @@ def random_ranges(rng: np.random.Generator) -> np.ndarray:
 
 def random_state(rng: np.random.Generator, body: BodySpec) -> BodyState:
     """Anything that the body can do, and where it is after a delay of up to 0.2 s."""
-    return BodyState(
-        *rng.uniform(-0.2, 0.2, 2), rng.uniform(-0.3, 0.3), rng.uniform(body.min_v_x, body.max_v_x),
-        rng.uniform(-body.max_v_y, body.max_v_y), rng.uniform(-body.max_w_z, body.max_w_z),
-    )  # fmt: skip
+    speeds = random_command(rng, body)
+    return BodyState(*rng.uniform([-0.2, -0.2, -0.3], [0.2, 0.2, 0.3]), *speeds)
 
 
 def random_command(rng: np.random.Generator, body: BodySpec) -> np.ndarray:

@@ -235,7 +235,7 @@ def test_the_short_cut_changes_nothing(body, monkeypatch):
     went_through = 0
     for seed in range(120):
         rng = np.random.default_rng(seed)
-        boxes, pose = room(*rng.uniform(1.2, 4.0, 2)), Pose2(*rng.uniform(0.45, 0.65, 2), rng.uniform(-3.0, 3.0))
+        boxes, pose = room(*rng.uniform(1.2, 4.0, 2)), Pose2(*rng.uniform([0.45, 0.45, -3.0], [0.65, 0.65, 3.0]))
         percept = percept_of(ranges_to_boxes(boxes, pose) + rng.normal(0.0, 0.02, 360))
         wanted, last = (VelocityCommand(*rng.uniform(low, high).tolist()) for _ in range(2))
         start = Pose2(*rng.uniform(-0.1, 0.1, 3).tolist())
