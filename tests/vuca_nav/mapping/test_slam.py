@@ -5,16 +5,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.vuca_nav.rooms import LIDAR, moved, ranges_to_boxes, room, scan_of
+from tests.vuca_nav.rooms import LIDAR, NOTHING, PERCEPTION, Sensors, moved, percept_of, ranges_to_boxes, room, scan_of
 from vuca_nav.errors import BadArgument
-from vuca_nav.geometry import compose, distance, wrap_angle
+from vuca_nav.geometry import between, compose, distance, inverse, wrap_angle
 from vuca_nav.mapping.grid import FREE_BELOW, OCCUPIED_ABOVE, GridConfig, OccupancyGrid
 from vuca_nav.mapping.scan_matching import ScanMatcher, ScanMatcherConfig
 from vuca_nav.mapping.slam import Slam, SlamConfig
 from vuca_nav.mapping.surfaces import SurfaceGrid
-from vuca_nav.types import LidarSpec, Odometry, Pose2, Scan, Twist2
-
-REST = Twist2(0.0, 0.0, 0.0)
+from vuca_nav.perception.perception import PerceptionConfig
+from vuca_nav.types import STANDING, LidarSpec, Pose2
 
 
 def insert_beam(grid: OccupancyGrid, end: tuple[float, float], is_hit: bool = True) -> None:
@@ -190,17 +189,17 @@ def drive_round(localisation: str) -> tuple[float, float, Slam]:
     slam = Slam(LIDAR, SlamConfig(localisation=localisation))  # type: ignore[arg-type]
     start = Pose2(1.5, 1.5, 0.0)
     slam.reset(start)
-    truth, odom = start, Pose2(0.0, 0.0, 0.0)
+    sensors, step = Sensors(), STANDING
+    truth, odom = start, STANDING
     worst = worst_odometry = 0.0
     legs = [(300, 0.03, 0.0), (60, 0.0, math.pi / 120), (180, 0.03, 0.0), (60, 0.0, math.pi / 120)] * 2
-    stamp = 0.0
     for ticks, forward, turn in legs:
         for _ in range(ticks):
-            slam.update(scan_of(boxes, truth, stamp, rng), Odometry(stamp, odom, REST))
-            worst = max(worst, distance(slam.map_from_base, truth))
+            estimate = slam.update(sensors.see(scan_of(boxes, truth, rng=rng).ranges, step))
+            worst = max(worst, distance(estimate.map_from_base, truth))
             worst_odometry = max(worst_odometry, distance(compose(start, odom), truth))
-            truth, odom = moved(truth, forward, turn), moved(odom, 1.03 * forward, 1.04 * turn)
-            stamp += 1.0 / 30.0
+            truth, step = moved(truth, forward, turn), Pose2(1.03 * forward, 0.0, 1.04 * turn)
+            odom = compose(odom, step)
     return worst, worst_odometry, slam
 
 
@@ -228,14 +227,14 @@ def test_a_given_map_is_as_good_as_an_own_one():
         level[rows, columns] = 1
     prior.fill(level, (-0.5, -0.5))
     slam = Slam(LIDAR)
-    truth, odom = Pose2(1.5, 1.5, 0.0), Pose2(0.0, 0.0, 0.0)
+    truth, sensors = Pose2(1.5, 1.5, 0.0), Sensors()
     slam.reset(truth, prior)
     rng = np.random.default_rng(5)
     worst = 0.0
-    for k in range(420):
-        slam.update(scan_of(boxes, truth, k / 30, rng), Odometry(k / 30, odom, REST))
-        worst = max(worst, distance(slam.map_from_base, truth))
-        truth, odom = moved(truth, 0.02, 0.002), moved(odom, 0.0206, 0.0022)
+    for _ in range(420):
+        estimate = slam.update(sensors.see(scan_of(boxes, truth, rng=rng).ranges, Pose2(0.0206, 0.0, 0.0022)))
+        worst = max(worst, distance(estimate.map_from_base, truth))
+        truth = moved(truth, 0.02, 0.002)
     assert worst < 0.03
 
 
@@ -249,10 +248,10 @@ def test_skimming_beams_do_not_wash_a_wall_away():
     boxes = np.vstack([room(30.0, 2.0), [[-1.0, 1.97, 31.0, 2.3]]])
     slam = Slam(LIDAR, SlamConfig(localisation="odometry"))
     slam.reset(Pose2(2.0, 1.0, 0.0))
-    rng = np.random.default_rng(0)
+    rng, sensors = np.random.default_rng(0), Sensors()
     for k in range(450):
         pose = Pose2(2.0 + 0.03 * k, 1.0, 0.0)
-        slam.update(scan_of(boxes, pose, k / 30, rng), Odometry(k / 30, Pose2(0.03 * k, 0.0, 0.0), REST))
+        slam.update(sensors.see(scan_of(boxes, pose, rng=rng).ranges, Pose2(0.03 if k else 0.0, 0.0, 0.0)))
     grid = slam.navigation_grid
     columns = [grid.cell(x, 1.97)[1] for x in np.arange(1.0, 15.0, 0.05)]
     row = grid.cell(0.0, 1.97)[0]
@@ -270,7 +269,7 @@ def test_a_leaning_body_maps_neither_the_floor_nor_what_it_looks_over():
     ranges[floor] = -0.37 / rise[floor]
     slam = Slam(lidar)
     slam.reset(Pose2(0.0, 0.0, 0.0))
-    estimate = slam.update(Scan(0.0, ranges), Odometry(0.0, Pose2(0.0, 0.0, 0.0), REST, up))
+    estimate = slam.update(percept_of(ranges, lidar, up))
     away = np.hypot(*estimate.points_in_map.T)
     # What is left are the beams to the sides, at 5 m over ground.
     np.testing.assert_allclose(away, 5.0, atol=0.01)
@@ -290,7 +289,7 @@ def test_a_leaning_body_sees_walls_where_they_are(roll, pitch):
     x = np.cos(angles) * math.cos(pitch) + np.sin(angles) * math.sin(roll) * math.sin(pitch)
     y = np.sin(angles) * math.cos(roll)
     ranges = np.minimum(1.0 / np.maximum(abs(x), 1e-9), 0.8 / np.maximum(abs(y), 1e-9))
-    estimate = Slam(LIDAR).update(Scan(0.0, ranges), Odometry(0.0, Pose2(0.0, 0.0, 0.0), REST, up))
+    estimate = Slam(LIDAR).update(percept_of(ranges, up=up))
     ends = estimate.points_in_map
     assert len(ends) > 50
     assert np.maximum(abs(ends[:, 0]), abs(ends[:, 1]) / 0.8) == pytest.approx(1.0)
@@ -303,7 +302,7 @@ def test_dropped_beams_do_not_open_walls():
     slam.reset(pose)
     ranges = ranges_to_boxes(boxes, pose)
     ranges[::5] = np.inf
-    slam.update(Scan(0.0, ranges), Odometry(0.0, Pose2(0.0, 0.0, 0.0), REST))
+    slam.update(percept_of(ranges))
     grid = slam.navigation_grid
     rows, columns = np.nonzero(grid.level < 0)
     x = grid.origin[0] + (columns + 0.5) * grid.resolution
@@ -315,37 +314,129 @@ def test_dropped_beams_do_not_open_walls():
 
 
 def test_an_empty_scan_leaves_the_pose_to_odometry_and_frees_the_surroundings():
-    slam = Slam(LIDAR)
-    slam.reset(Pose2(0.0, 0.0, 0.0))
-    nothing = Scan(0.0, np.full(360, np.inf))
-    slam.update(nothing, Odometry(0.0, Pose2(0.0, 0.0, 0.0), REST))
-    estimate = slam.update(nothing, Odometry(1 / 30, Pose2(0.1, 0.0, 0.0), REST))
+    slam, sensors = Slam(LIDAR), Sensors()
+    slam.reset(STANDING)
+    slam.update(sensors.see(NOTHING))
+    estimate = slam.update(sensors.see(NOTHING, Pose2(0.1, 0.0, 0.0)))
     assert estimate.map_from_base == pytest.approx((0.1, 0.0, 0.0))
     assert slam.navigation_grid.state(8.01, 0.01) == -1 or slam.navigation_grid.state(8.01, -0.01) == -1
 
 
-def test_who_walks_has_no_place_in_the_map():
-    slam, hall = Slam(LIDAR), room(6.0, 6.0)
-    pose = Pose2(2.0, 3.0, 0.0)
-    for walkers, state in ((np.empty((0, 3)), 1), (np.array([[2.0, 0.0, 0.2]]), 0)):
-        slam.reset(pose)
-        ranges = ranges_to_boxes(np.vstack([hall, [[3.8, 2.8, 4.2, 3.2]]]), pose)
-        estimate = slam.update(Scan(0.0, ranges), Odometry(0.0, Pose2(0.0, 0.0, 0.0), REST), walkers)
+def test_where_odometry_begins_does_not_matter():
+    start, step = Pose2(1.0, 2.0, 0.3), Pose2(0.1, 0.05, 0.02)
+    for begin in (STANDING, Pose2(-7.0, 4.0, 2.0)):
+        slam, sensors = Slam(LIDAR, SlamConfig(localisation="odometry")), Sensors()
+        slam.reset(start)
+        first = slam.update(sensors.see(NOTHING, begin))
+        assert first.map_from_base == start
+        assert first.map_from_odom == pytest.approx(compose(start, inverse(begin)), abs=1e-12)
+        second = slam.update(sensors.see(NOTHING, step))
+        assert second.map_from_base == pytest.approx(compose(start, step), abs=1e-12)
+        assert second.map_from_odom == first.map_from_odom  # there was nothing to correct it by
+
+
+def test_the_estimate_is_the_correction_after_odometry():
+    slam, sensors, rng = Slam(LIDAR), Sensors(), np.random.default_rng(0)
+    start = truth = Pose2(2.0, 2.0, 0.1)
+    slam.reset(start)
+    odom_from_base, last = STANDING, start
+    for k in range(60):
+        step = Pose2(0.022, 0.0, 0.011) if k else STANDING
+        odom_from_base = compose(odom_from_base, step)
+        estimate = slam.update(sensors.see(scan_of(room(7.0, 5.0), truth, rng=rng).ranges, step))
+        assert estimate.map_from_base == pytest.approx(compose(estimate.map_from_odom, odom_from_base), abs=1e-9)
+        assert estimate.map_correction == STANDING
+        assert 0.0 < estimate.score <= 1.0
+        truth, last = moved(truth, 0.02, 0.01), estimate.map_from_odom
+    assert distance(last, start) > 0.03  # what odometry overstates
+
+
+@pytest.mark.parametrize("localisation", ["slam", "odometry"])
+def test_a_correction_moves_the_robot_with_the_map_and_is_told_once(localisation):
+    slam, sensors, step = Slam(LIDAR, SlamConfig(localisation=localisation)), Sensors(), Pose2(0.02, 0.0, 0.01)
+    slam.reset(Pose2(3.0, 1.0, 0.5))
+    before = [slam.update(sensors.see(NOTHING, step)) for _ in range(5)][-1]
+    first, second = Pose2(0.3, -0.2, 0.1), Pose2(-0.1, 0.4, -0.3)
+    slam.correct(first)
+    slam.correct(second)  # before anybody was told of the first
+    both = compose(second, first)
+    after = slam.update(sensors.see(NOTHING, step))
+    assert after.map_correction == pytest.approx(both)
+    assert after.map_from_odom == pytest.approx(compose(both, before.map_from_odom))
+    assert after.map_from_base == pytest.approx(compose(both, compose(before.map_from_base, step)))
+    again = slam.update(sensors.see(NOTHING, step))
+    assert again.map_correction == STANDING
+    assert again.map_from_odom == pytest.approx(after.map_from_odom)
+    assert between(after.map_from_base, again.map_from_base) == pytest.approx(step, abs=1e-9)
+
+
+def test_a_new_mission_knows_of_no_correction():
+    slam = Slam(LIDAR)
+    slam.update(percept_of(NOTHING))
+    slam.correct(Pose2(1.0, 0.0, 0.0))
+    slam.reset(STANDING)
+    estimate = slam.update(percept_of(NOTHING))
+    assert estimate.map_correction == STANDING
+    assert estimate.map_from_base == STANDING
+
+
+HALL, HERE = room(6.0, 6.0), Pose2(2.0, 3.0, 0.0)
+
+
+def pass_by(config: PerceptionConfig = PERCEPTION):
+    """A pillar of 0.4 m comes from the right and stops before the robot: SLAM, the last percept and estimate."""
+    slam, sensors = Slam(LIDAR), Sensors(config=config)
+    slam.reset(HERE)
+
+    def tick(k: int):
+        y = 1.4 + 0.8 * k / 30.0
+        percept = sensors.see(ranges_to_boxes(np.vstack([HALL, [[3.8, y - 0.2, 4.2, y + 0.2]]]), HERE))
+        return slam, percept, slam.update(percept)
+
+    return [tick(k) for k in range(61)][-1]
+
+
+def test_a_mover_has_no_place_in_the_map():
+    """It is at (4, 3) now; if nothing is tracked it is in the map as everything else."""
+    for tracks, state in ((False, 1), (True, -1)):
+        slam, percept, estimate = pass_by(PerceptionConfig(tracks=tracks))
+        assert len(percept.moving) == tracks
         grid = slam.navigation_grid
-        assert grid.state(3.81, 3.0) == state  # his near side is what is seen
-        assert grid.state(3.7, 3.0) == -1  # on the way to him it is free all the same
+        near_side = [grid.state(3.825, y) for y in np.arange(2.875, 3.15, 0.05)]
+        assert max(near_side) == state
+        assert grid.state(3.6, 3.0) == -1  # on the way to it it is free all the same
         assert grid.state(6.01, 5.0) == 1  # the wall is where it was
         assert (np.abs(estimate.points_in_map - (3.8, 3.0)) < 0.1).all(1).any()  # to be seen in a recording
 
 
+def percept_with_movers(ranges: np.ndarray, movers: np.ndarray, sensors: Sensors):
+    """A percept in which returns within 0.2 m of circles (x, y, radius) in base_link are a mover's."""
+    percept = sensors.see(ranges)
+    ends = np.where(ranges < np.inf, ranges, 99.0)[:, None] * percept.level.beams
+    for x, y, radius in movers:
+        percept.level.is_mover[:] |= np.hypot(*(ends - (x, y)).T) < radius + 0.2
+    return percept
+
+
+def test_a_movers_returns_do_not_occupy_and_their_beams_free():
+    slam = Slam(LIDAR)
+    for movers, state in ((np.empty((0, 3)), 1), (np.array([[2.0, 0.0, 0.2]]), 0)):
+        slam.reset(HERE)
+        ranges = ranges_to_boxes(np.vstack([HALL, [[3.8, 2.8, 4.2, 3.2]]]), HERE)
+        slam.update(percept_with_movers(ranges, movers, Sensors()))
+        grid = slam.navigation_grid
+        assert grid.state(3.81, 3.0) == state  # its near side is what is seen
+        assert grid.state(3.7, 3.0) == -1
+        assert grid.state(6.01, 5.0) == 1
+
+
 def test_a_phantom_before_a_wall_does_not_wash_it_away():
-    slam, pose, rng = Slam(LIDAR), Pose2(3.0, 3.0, 0.0), np.random.default_rng(2)
+    slam, pose, rng, sensors = Slam(LIDAR), Pose2(3.0, 3.0, 0.0), np.random.default_rng(2), Sensors()
     slam.reset(pose)
-    hall = room(6.0, 6.0)
     before = None
     for k in range(300):
-        walkers = np.array([[3.0, 0.0, 0.2]]) if k >= 30 else np.empty((0, 3))
-        slam.update(scan_of(hall, pose, k / 30, rng), Odometry(k / 30, Pose2(0.0, 0.0, 0.0), REST), walkers)
+        movers = np.array([[3.0, 0.0, 0.2]]) if k >= 30 else np.empty((0, 3))
+        slam.update(percept_with_movers(scan_of(HALL, pose, rng=rng).ranges, movers, sensors))
         if k == 29:
             before = sum(slam.navigation_grid.state(6.025, y) > 0 for y in np.arange(2.625, 3.4, 0.05))
     assert before is not None
