@@ -5,20 +5,17 @@ import numpy as np
 import pytest
 from safetensors.numpy import save_file
 
-from tests.vuca_nav.random_policy import random_policy
 from tests.vuca_nav.random_safety import TRACKED, random_safety, random_tensors
-from tests.vuca_nav.rooms import LIDAR, disc_body, ranges_to_boxes, room, scan_of
+from tests.vuca_nav.rooms import LIDAR, Sensors, disc_body, percept_of, ranges_to_boxes, room, scan_of
 from vuca_nav.errors import BadArgument, BadWeights
-from vuca_nav.exploration.critic import SHIPPED, LearnedSafety, check_goes_with, load_safety
+from vuca_nav.exploration.critic import SHIPPED, LearnedCritic, load_critic
 from vuca_nav.exploration.explorer import ExplorerConfig
 from vuca_nav.geometry import compose, inverse, transform_points
 from vuca_nav.navigator import Navigator, NavigatorConfig
-from vuca_nav.policy.base import LocalObservation
-from vuca_nav.policy.learned import LearnedPolicy
-from vuca_nav.policy.observation import goal_features
-from vuca_nav.policy.weights_file import WEIGHTS_FOLDER, load_weights
+from vuca_nav.policy.dynamic_window import DynamicWindow
+from vuca_nav.policy.observation import PerceptObserver, goal_features
 from vuca_nav.telemetry.interface import Telemetry
-from vuca_nav.types import STOP, Odometry, Pose2, Scan, Twist2
+from vuca_nav.types import STANDING, STOP, LidarSpec, Odometry, Pose2, Twist2
 
 DT = 1.0 / 30.0
 BODY = replace(disc_body(), min_v_x=-0.4, max_v_y=0.3, max_w_z=1.5)
@@ -27,48 +24,55 @@ POINTS = np.array([[4.0, 1.0], [2.0, 3.0], [-9.0, 20.0]])
 
 
 @pytest.fixture
-def policy(tmp_path):
-    return LearnedPolicy(BODY, LIDAR, load_weights(random_policy(tmp_path / "p.safetensors", TRACKED)))
+def critic(tmp_path):
+    return LearnedCritic(BODY, LIDAR, load_critic(random_safety(tmp_path / "s.safetensors")))
 
 
-@pytest.fixture
-def critic(policy, tmp_path):
-    return LearnedSafety(policy, load_safety(random_safety(tmp_path / "s.safetensors")))
+def percept_in_room():
+    """After a drive in which something moved."""
+    sensors = Sensors()
+
+    def tick(k: int):
+        mover = np.array([[5.0, 1.0 + 0.03 * k, 5.4, 1.4 + 0.03 * k]])
+        ranges = ranges_to_boxes(np.vstack([ROOM, mover]), Pose2(2.0 + 0.01 * k, 3.0, 0.01 * k))
+        return sensors.see(ranges, Pose2(0.01, 0.0, 0.01), Twist2(0.3, 0.0, 0.1))
+
+    return [tick(k) for k in range(30)][-1]
 
 
-def seen(tick: int, waypoint=(2.0, 1.0)) -> LocalObservation:
-    scan = ranges_to_boxes(ROOM, Pose2(2.0 + 0.01 * tick, 3.0, 0.01 * tick))
-    return LocalObservation(Scan(tick * DT, scan), waypoint, False, Twist2(0.3, 0.0, 0.1), Pose2(0.01, 0.0, 0.01))
-
-
-def test_chances_are_the_networks_for_the_observation_with_the_goal_replaced(policy, critic):
-    pose = Pose2(2.0, 3.0, 0.7)
-    assert (critic.values(POINTS, pose) == 1.0).all()  # nothing seen yet
-    policy.command(seen(0))
-    chances = critic.values(POINTS, pose)
+def test_chances_are_the_networks_for_the_observation_with_the_goal_replaced(critic):
+    pose, percept = Pose2(2.3, 3.0, 0.7), percept_in_room()
+    assert len(percept.tracks) > 0
+    chances = critic.values(POINTS, percept, pose)
     tensors = {name: tensor.astype(np.float64) for name, tensor in random_tensors().items()}
-    goals = goal_features(transform_points(inverse(pose), POINTS))
-    for goal, chance in zip(goals, chances):
-        x = policy.observation.astype(np.float64)
+    observer = PerceptObserver(TRACKED, BODY, LIDAR)
+    points_in_base = transform_points(inverse(pose), POINTS)
+    for point, goal, chance in zip(points_in_base, goal_features(points_in_base), chances):
+        x = observer.observe(percept, (-3.0, 0.5)).astype(np.float64)  # where the waypoint is does not matter
         x[TRACKED.goal_slice] = goal
+        assert x == pytest.approx(observer.observe(percept, tuple(point)), abs=1e-6)
         for k in range(3):
             x = tensors[f"weight_{k}"] @ x + tensors[f"bias_{k}"]
             x = np.maximum(x, 0.0) if k < 2 else x
         assert chance == pytest.approx(1.0 / (1.0 + math.exp(-x[0])), abs=1e-5)
     assert len(set(chances)) == 3
-    policy.reset()  # where the waypoint is does not matter
-    policy.command(seen(0, waypoint=(-3.0, 0.5)))
-    assert critic.values(POINTS, pose) == pytest.approx(chances, abs=1e-6)
-    assert len(critic.values(np.empty((0, 2)), pose)) == 0
+    assert critic.values(POINTS, percept, pose) == pytest.approx(chances, abs=1e-12)  # it remembers nothing
+    assert len(critic.values(np.empty((0, 2)), percept, pose)) == 0
     many = np.tile(POINTS, (2000, 1))  # more than are rated at a time
-    assert critic.values(many, pose) == pytest.approx(np.tile(chances, 2000), abs=1e-6)
+    assert critic.values(many, percept, pose) == pytest.approx(np.tile(chances, 2000), abs=1e-6)
 
 
-def test_a_policy_that_looks_at_something_else_is_refused(tmp_path):
-    other = LearnedPolicy(BODY, LIDAR, load_weights(random_policy(tmp_path / "paper.safetensors")))
-    critic = load_safety(random_safety(tmp_path / "s.safetensors"))
-    with pytest.raises(BadArgument, match=r"paper.safetensors looks at .* but V\^h's critic s.safetensors at"):
-        LearnedSafety(other, critic)
+@pytest.mark.parametrize("broken", [{"ranges": np.full(360, np.nan)}, {"twist": Twist2(math.nan, 0.0, 0.0)}])
+def test_while_the_percept_is_not_valid_all_are_alike(critic, broken):
+    percept = Sensors().see(**{"ranges": np.full(360, 3.0), **broken})
+    assert (critic.values(POINTS, percept, STANDING) == 1.0).all()
+    assert (critic.values(POINTS, percept_of(np.full(360, 3.0)), STANDING) < 1.0).all()
+
+
+def test_a_lidar_that_does_not_fit_is_refused(tmp_path):
+    weights = load_critic(random_safety(tmp_path / "s.safetensors"))
+    with pytest.raises(BadArgument, match="do not divide"):
+        LearnedCritic(BODY, LidarSpec(num_beams=361), weights)
 
 
 @pytest.mark.parametrize(
@@ -81,7 +85,7 @@ def test_a_policy_that_looks_at_something_else_is_refused(tmp_path):
 )
 def test_files_that_are_something_else_are_refused(tmp_path, changes, message):
     with pytest.raises(BadWeights, match=message):
-        load_safety(random_safety(tmp_path / "s.safetensors", changes))
+        load_critic(random_safety(tmp_path / "s.safetensors", changes))
 
 
 @pytest.mark.parametrize(
@@ -101,14 +105,14 @@ def test_tensors_that_do_not_fit_are_refused(tmp_path, name, tensor, message):
         del tensors[name]
     else:
         tensors[name] = np.asarray(tensor, np.float32)
-    save_file(tensors, path, load_safety(whole).metadata)
+    save_file(tensors, path, load_critic(whole).metadata)
     with pytest.raises(BadWeights, match=message):
-        load_safety(path)
+        load_critic(path)
 
 
 def test_a_missing_file_is_told_how_to_be_made(tmp_path):
     with pytest.raises(BadWeights, match="make them with: vuca train critic"):
-        load_safety(tmp_path / "none.safetensors")
+        load_critic(tmp_path / "none.safetensors")
 
 
 class Told(Telemetry):
@@ -119,14 +123,14 @@ class Told(Telemetry):
         self.asked.append(rate(np.array([[3.0, 3.0], [5.0, 2.0]])))
 
 
-def test_in_the_stack_the_critic_is_asked_at_the_first_decision_already(policy, critic):
+def test_in_the_stack_the_critic_is_asked_at_the_first_decision_already(critic):
     told = Told()
     config = NavigatorConfig(explorer=ExplorerConfig(gamma=10.0), exploration_rate=1.0)
-    navigator = Navigator(BODY, LIDAR, policy, config, told, critic)
+    navigator = Navigator(BODY, LIDAR, DynamicWindow(BODY, LIDAR), config, told, critic)
     walls = np.array([[0.0, 1.0, 30.0, 1.2], [0.0, 5.0, 30.0, 5.2], [-0.2, 1.0, 0.0, 5.2]])
     start = Pose2(1.0, 3.0, 0.0)
     navigator.reset(start, (40.0, 3.0))
-    pose, odom, command = start, Pose2(0.0, 0.0, 0.0), STOP
+    pose, odom, command = start, STANDING, STOP
     for k in range(61):
         command = navigator.step(scan_of(walls, pose, k * DT), Odometry(k * DT, odom, Twist2(*command)))
         step = Pose2(command.v_x * DT, command.v_y * DT, command.w_z * DT)
@@ -135,31 +139,28 @@ def test_in_the_stack_the_critic_is_asked_at_the_first_decision_already(policy, 
     assert len(told.asked) >= 3  # every second
 
 
-def chances_among_walkers(start: tuple[float, float], velocity: tuple[float, float], ask: np.ndarray) -> np.ndarray:
-    """What the shipped critic makes of points, after a second in a corridor along x with a walker in it."""
-    weights = load_weights(WEIGHTS_FOLDER / "fusion-plus.safetensors")
-    policy = LearnedPolicy(BODY, LIDAR, weights)
-    critic = LearnedSafety(policy, load_safety(SHIPPED))
+def chances_near_a_mover(start: tuple[float, float], velocity: tuple[float, float], ask: np.ndarray) -> np.ndarray:
+    """What the shipped critic makes of points, after a second in a corridor along x with a mover in it."""
+    critic, sensors = LearnedCritic(BODY, LIDAR, load_critic(SHIPPED)), Sensors()
     walls = np.array([[-15.0, -1.6, 15.0, -1.4], [-15.0, 1.4, 15.0, 1.6]])
-    here = Pose2(0.0, 0.0, 0.0)
-    for tick in range(31):
-        x, y = start[0] + velocity[0] * tick * DT, start[1] + velocity[1] * tick * DT
+
+    def tick(k: int):
+        x, y = start[0] + velocity[0] * k * DT, start[1] + velocity[1] * k * DT
         body = np.array([[x - 0.2, y - 0.2, x + 0.2, y + 0.2]])
-        ranges = ranges_to_boxes(np.vstack([walls, body]), here)
-        policy.look(LocalObservation(Scan(tick * DT, ranges), (2.0, 0.0), False, Twist2(0.0, 0.0, 0.0), here))
-    return critic.values(ask, here)
+        return sensors.see(ranges_to_boxes(np.vstack([walls, body]), STANDING))
+
+    return critic.values(ask, [tick(k) for k in range(31)][-1], STANDING)
 
 
-def test_the_shipped_critic_fears_who_comes_and_not_who_stands():
+def test_the_shipped_critic_fears_what_comes_and_not_what_stands():
     ask = np.array([[4.0, 0.0], [-4.0, 0.0]])
-    ahead, behind = chances_among_walkers((5.0, 0.0), (-1.0, 0.0), ask)
+    ahead, behind = chances_near_a_mover((5.0, 0.0), (-1.0, 0.0), ask)
     assert ahead < behind - 0.03
-    behind, ahead = chances_among_walkers((-5.0, 0.0), (1.0, 0.0), ask[::-1])
+    behind, ahead = chances_near_a_mover((-5.0, 0.0), (1.0, 0.0), ask[::-1])
     assert behind < ahead
-    still = chances_among_walkers((4.0, 0.9), (0.0, 0.0), ask)
+    still = chances_near_a_mover((4.0, 0.9), (0.0, 0.0), ask)
     assert still.min() > 0.9
 
 
-def test_what_is_shipped_looks_at_what_its_policy_looks_at():
-    check_goes_with(load_weights(WEIGHTS_FOLDER / "fusion-plus.safetensors"), load_safety(SHIPPED))
-    assert load_safety(SHIPPED).metadata["command"].startswith("vuca train safety")
+def test_what_is_shipped_says_how_it_was_made():
+    assert load_critic(SHIPPED).metadata["command"].startswith("vuca train safety")

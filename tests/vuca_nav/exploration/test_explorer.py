@@ -2,13 +2,18 @@ import numpy as np
 import pytest
 
 from tests.vuca_nav.planning.test_planning import as_grid, hall
-from vuca_nav.exploration.explorer import Explorer, ExplorerConfig
+from tests.vuca_nav.rooms import LIDAR, NOTHING, REST
+from vuca_nav.exploration.explorer import Explorer, ExplorerConfig, Target
 from vuca_nav.exploration.frontiers import find_frontiers
-from vuca_nav.exploration.heuristic import NoCritic, SafetyCritic, score_candidates
+from vuca_nav.exploration.heuristic import Critic, NoCritic, score_candidates
+from vuca_nav.geometry import transform_points
+from vuca_nav.perception.percept import Percept
+from vuca_nav.perception.perception import Perception
 from vuca_nav.planning.costmap import Costmap, CostmapConfig
 from vuca_nav.planning.paths import PathField
+from vuca_nav.planning.survey import Survey
 from vuca_nav.telemetry.interface import FrontierView, Telemetry
-from vuca_nav.types import Pose2
+from vuca_nav.types import STANDING, Odometry, Pose2, Scan
 
 HERE = Pose2(3.0, 2.0, 0.0)
 
@@ -19,6 +24,19 @@ def two_doors() -> np.ndarray:
     picture[15:25, 59] = " "  # right, 1 m wide, centred at y = 2.0
     picture[0, 10:20] = " "  # upper, centred at x = 1.5
     return picture
+
+
+def percept_at(stamp: float) -> Percept:
+    return Perception(LIDAR).update(Scan(stamp, NOTHING), Odometry(stamp, STANDING, REST))
+
+
+def survey_of(picture: np.ndarray) -> Survey:
+    return Survey(as_grid(picture), 0.3, HERE, np.empty((0, 3)), CostmapConfig())
+
+
+def choose(explorer: Explorer, now: float, survey: Survey) -> Target | None:
+    """A decision because it is time."""
+    return explorer.update("it is time", percept_at(now), survey).target
 
 
 def view(picture: np.ndarray, robot=(3.0, 2.0)):
@@ -70,10 +88,10 @@ def test_gaps_between_the_dots_of_a_wall_are_no_frontiers():
 def test_a_chink_is_looked_into_when_there_is_nothing_better():
     picture = hall(60, 40)
     picture[20:24, 59] = " "
-    grid, costmap, field = view(picture)
+    survey = survey_of(picture)
     explorer = Explorer()
     explorer.reset((20.0, 2.0))
-    target = explorer.choose(0.0, grid, costmap, field, HERE)
+    target = choose(explorer, 0.0, survey)
     assert target is not None
     assert target.point == pytest.approx((5.85, 1.8), abs=0.3)
 
@@ -108,31 +126,31 @@ class Decisions(Telemetry):
 
 
 def test_the_goal_heuristic_chooses_the_opening_towards_the_goal():
-    grid, costmap, field = view(two_doors())
+    survey = survey_of(two_doors())
     for goal, expected in (((20.0, 2.0), (5.85, 2.0)), ((1.5, 20.0), (1.5, 3.85))):
         told = Decisions()
         explorer = Explorer(telemetry=told)
         explorer.reset(goal)
-        target = explorer.choose(0.0, grid, costmap, field, HERE)
+        target = choose(explorer, 0.0, survey)
         assert target is not None
         assert target.point == pytest.approx(expected, abs=0.25)
         assert not target.is_goal
         assert told.views[0].chosen == int(np.argmin(told.views[0].score))
 
 
-class FearsRight(SafetyCritic):
+class FearsRight(Critic):
     """Gives what leads to the right a chance, and all else certainty."""
 
     def __init__(self, chance: float = 0.5):
         self.chance, self.asked = chance, np.empty((0, 2))
 
-    def values(self, points_in_map, map_from_base):
-        self.asked = points_in_map
+    def values(self, points_in_map, percept, map_from_base):
+        self.asked, self.percept, self.map_from_base = points_in_map, percept, map_from_base
         return np.where(points_in_map[:, 0] > 3.5, self.chance, 1.0)
 
 
 def test_a_critic_with_gamma_can_overrule_it():
-    grid, costmap, field = view(two_doors())
+    survey = survey_of(two_doors())
     # The upper door is some 7.4 m worse: 17.1 m to the goal and some 18.6 + 2.4 less 14.2 + 2.9.
     for critic, gamma, expected_y in (
         (FearsRight(), 30.0, 3.85),
@@ -143,20 +161,23 @@ def test_a_critic_with_gamma_can_overrule_it():
     ):
         explorer = Explorer(ExplorerConfig(gamma=gamma), critic)
         explorer.reset((20.0, 2.0))
-        target = explorer.choose(0.0, grid, costmap, field, HERE)
+        target = choose(explorer, 0.0, survey)
         assert target is not None
         assert target.point[1] == pytest.approx(expected_y, abs=0.25)
 
 
 def test_the_critic_is_asked_where_the_ways_lead_first():
-    grid, costmap, field = view(two_doors())
+    survey = survey_of(two_doors())
     for look_ahead in (1.0, 50.0):
         critic = FearsRight()
         explorer = Explorer(ExplorerConfig(gamma=1.0, look_ahead=look_ahead), critic)
         explorer.reset((20.0, 2.0))
-        explorer.choose(0.0, grid, costmap, field, HERE)
+        choose(explorer, 0.0, survey)
         away = np.hypot(critic.asked[:, 0] - HERE.x, critic.asked[:, 1] - HERE.y)
-        _, approach, _ = find_frontiers(costmap, field, 0.4, 3.0, costmap.radius)
+        paths = survey.paths()
+        _, approach, _ = find_frontiers(paths.costmap, paths, 0.4, 3.0, 0.3)
+        assert critic.map_from_base == HERE
+        assert critic.percept.stamp == 0.0
         assert len(approach) == 2
         if look_ahead == 1.0:
             assert away == pytest.approx([1.0, 1.0], abs=0.15)
@@ -165,26 +186,26 @@ def test_the_critic_is_asked_where_the_ways_lead_first():
 
 
 def test_a_known_goal_is_the_target():
-    grid, costmap, field = view(two_doors())
+    survey = survey_of(two_doors())
     explorer = Explorer()
     explorer.reset((1.0, 1.0))
-    target = explorer.choose(0.0, grid, costmap, field, HERE)
+    target = choose(explorer, 0.0, survey)
     assert target is not None
     assert target.is_goal
     assert target.point == (1.0, 1.0)
 
 
 def test_hysteresis_keeps_a_choice_that_is_nearly_as_good():
-    grid, costmap, field = view(two_doors())
+    survey = survey_of(two_doors())
     explorer = Explorer()
     explorer.reset((20.0, 2.0))
-    first = explorer.choose(0.0, grid, costmap, field, HERE)
+    first = choose(explorer, 0.0, survey)
     # Seen from here both are about equally far on the way to this goal, the upper one a little better.
     explorer.goal = (5.0, 6.5)
-    second = explorer.choose(10.0, grid, costmap, field, HERE)
+    second = choose(explorer, 10.0, survey)
     fresh = Explorer()
     fresh.reset((5.0, 6.5))
-    unbiased = fresh.choose(0.0, grid, costmap, field, HERE)
+    unbiased = choose(fresh, 0.0, survey)
     assert first is not None
     assert second is not None
     assert unbiased is not None
@@ -193,48 +214,88 @@ def test_hysteresis_keeps_a_choice_that_is_nearly_as_good():
 
 
 def test_a_given_up_target_is_left_out_until_it_expires():
-    grid, costmap, field = view(two_doors())
+    survey = survey_of(two_doors())
     explorer = Explorer()
     explorer.reset((20.0, 2.0))
-    first = explorer.choose(0.0, grid, costmap, field, HERE)
+    first = choose(explorer, 0.0, survey)
     assert first is not None
     explorer.give_up(1.0)
-    second = explorer.choose(2.0, grid, costmap, field, HERE)
+    second = choose(explorer, 2.0, survey)
     assert second is not None
     assert second.point[1] > 3.5
     explorer.target = None
-    third = explorer.choose(1.0 + explorer.config.blacklist_time + 0.1, grid, costmap, field, HERE)
+    third = choose(explorer, 1.0 + explorer.config.blacklist_time + 0.1, survey)
     assert third is not None
     assert third.point == first.point
 
 
-def test_only_the_forgiving_try_again_when_all_are_given_up():
-    grid, costmap, field = view(two_doors())
-    explorer = Explorer()
+class Asked(Survey):
+    """Keeps how paths were asked for."""
+
+    def __init__(self, picture: np.ndarray):
+        super().__init__(as_grid(picture), 0.3, HERE, np.empty((0, 3)), CostmapConfig())
+        self.doubts: list[bool] = []
+
+    def paths(self, *, doubting: bool = False) -> PathField:
+        self.doubts.append(doubting)
+        return super().paths(doubting=doubting)
+
+
+def test_what_was_given_up_is_tried_again_when_nothing_else_is_left():
+    survey, explorer = Asked(two_doors()), Explorer()
     explorer.reset((20.0, 2.0))
+    given_up = []
     for k in range(2):
-        assert explorer.choose(float(k), grid, costmap, field, HERE)
+        target = choose(explorer, float(k), survey)
+        assert target is not None
+        given_up.append(target.point)
         explorer.give_up(float(k))
-    assert explorer.choose(3.0, grid, costmap, field, HERE) is None
-    assert explorer.choose(3.0, grid, costmap, field, HERE, forgiving=True) is not None
+    assert len(set(given_up)) == 2
+    assert not any(survey.doubts)
+    again = choose(explorer, 3.0, survey)
+    assert again is not None
+    assert again.point == given_up[0]
+    assert any(survey.doubts)  # what has not been seen lately was doubted first
+    explorer.give_up(4.0)  # the other one was forgiven, too
+    other = choose(explorer, 5.0, survey)
+    assert other is not None
+    assert other.point == given_up[1]
+
+
+def test_without_a_cause_a_target_that_can_be_reached_stays():
+    told, survey, explorer = Decisions(), survey_of(two_doors()), Explorer()
+    explorer.telemetry = told
+    explorer.reset((20.0, 2.0))
+    first = explorer.update(None, percept_at(0.0), survey)  # there is none yet: that is a cause
+    explorer.goal = (1.5, 20.0)
+    later = explorer.update(None, percept_at(10.0), survey)
+    assert later.target is first.target is explorer.target
+    assert later.approach is not None
+    assert later.approach == first.approach
+    assert later.paths.reaches(*later.approach)
+    assert len(told.views) == 1
+    # Now a wall bars the way to it.
+    picture = two_doors()
+    picture[1:39, 50] = "#"
+    barred = explorer.update(None, percept_at(11.0), survey_of(picture)).target
+    assert barred is not None
+    assert barred.point[1] > 3.5
+    assert len(told.views) == 2
 
 
 def test_the_four_triggers():
     picture = two_doors()
-    grid, costmap, field = view(picture)
+    survey, grid = survey_of(picture), as_grid(picture)
     explorer = Explorer()
     explorer.reset((20.0, 2.0))
     assert explorer.trigger(0.0, grid, (3.0, 2.0)) == "there is no target"
-    target = explorer.choose(0.0, grid, costmap, field, HERE)
+    target = choose(explorer, 0.0, survey)
     assert target is not None
     assert explorer.trigger(0.1, grid, target.point) is None  # too soon
     assert explorer.trigger(1.0, grid, (3.0, 2.0)) is None
     assert explorer.trigger(1.0, grid, target.approach) == "the exploration point was reached"
     assert explorer.trigger(1.0, grid, (3.0, 2.0)) == "there is no target"  # there is nothing more to see
     explorer.target = target
-    explorer._entropy -= 5000.0
-    assert explorer.trigger(1.0, grid, (3.0, 2.0)) == "the map changed a lot"
-    explorer._entropy += 5000.0
     picture[15:25, 59] = "#"
     seen = as_grid(picture)
     assert explorer.trigger(1.0, seen, (3.0, 2.0)) == "the exploration point's state changed"
@@ -242,8 +303,71 @@ def test_the_four_triggers():
     assert explorer.trigger(1.0, grid, (3.0, 2.0)) == "the goal's state became known"
 
 
+@pytest.mark.parametrize(("share", "cause"), [(0.9, "the map changed a lot"), (1.1, None)])
+def test_a_map_that_changed_a_lot_is_a_trigger(share, cause):
+    """Behind the door, out of its reach, there is a second hall now."""
+    picture = two_doors()
+    grid, more = as_grid(picture), as_grid(np.hstack([picture, np.full((40, 2), " "), hall(60, 40)]))
+    change = abs(more.entropy - grid.entropy)
+    explorer = Explorer(ExplorerConfig(entropy_change=share * change))
+    explorer.reset((50.0, 2.0))
+    assert choose(explorer, 0.0, survey_of(picture)) is not None
+    assert explorer.trigger(1.0, grid, (3.0, 2.0)) is None
+    assert explorer.trigger(1.0, more, (3.0, 2.0)) == cause
+    assert change > 10.0
+
+
 def test_without_frontiers_there_is_no_target():
-    grid, costmap, field = view(hall(60, 40))
     explorer = Explorer()
     explorer.reset((20.0, 2.0))
-    assert explorer.choose(0.0, grid, costmap, field, HERE) is None
+    exploration = explorer.update("it is time", percept_at(0.0), survey_of(hall(60, 40)))
+    assert exploration.target is None
+    assert exploration.approach is None
+    assert explorer.target is None
+
+
+RIGHT, UPPER = (5.85, 2.0), (1.5, 3.85)
+CORRECTION = Pose2(0.4, -0.3, 0.2)
+
+
+def test_the_target_follows_the_map():
+    explorer = Explorer()
+    explorer.reset((20.0, 2.0))
+    before = choose(explorer, 0.0, survey_of(two_doors()))
+    assert before is not None
+    explorer.follow(CORRECTION)
+    after = explorer.target
+    assert after is not None
+    assert not after.is_goal
+    expected = transform_points(CORRECTION, np.array([before.point, before.approach]))
+    assert np.array([after.point, after.approach]) == pytest.approx(expected)
+    assert explorer.goal == (20.0, 2.0)
+
+
+def test_the_goal_is_a_place_of_the_map_and_stays():
+    explorer = Explorer()
+    explorer.reset((1.0, 1.0))
+    goal = choose(explorer, 0.0, survey_of(two_doors()))
+    explorer.follow(CORRECTION)
+    assert explorer.target == goal
+    assert explorer.goal == (1.0, 1.0)
+
+
+def test_what_was_given_up_follows_the_map():
+    """The right door is given up; then the map moves so that what was there is where the upper door is."""
+    survey, explorer = survey_of(two_doors()), Explorer()
+    explorer.reset((20.0, 2.0))
+    first = choose(explorer, 0.0, survey)
+    assert first is not None
+    assert first.point == pytest.approx(RIGHT, abs=0.25)
+    explorer.give_up(1.0)
+    explorer.follow(Pose2(UPPER[0] - RIGHT[0], UPPER[1] - RIGHT[1], 0.0))
+    explorer.goal = (1.5, 20.0)  # it would take the upper one
+    second = choose(explorer, 2.0, survey)
+    assert second is not None
+    assert second.point == first.point
+    # Until it expires.
+    explorer.give_up(3.0)
+    third = choose(explorer, 1.0 + explorer.config.blacklist_time + 0.1, survey)
+    assert third is not None
+    assert third.point == pytest.approx(UPPER, abs=0.25)
