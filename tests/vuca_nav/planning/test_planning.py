@@ -142,23 +142,23 @@ def test_outside_the_map_there_is_no_path():
     assert not PathField(costmap, (-50.0, 1.0)).reaches(1.0, 1.0)
 
 
-def test_who_walks_does_not_bar_a_way():
+def test_a_mover_does_not_bar_a_way():
     picture = hall(60, 40)
     picture[:, 30] = "#"
     picture[14:26, 30] = "."  # a passage 1.2 m wide ...
-    picture[19:21, 30] = "#"  # ... with somebody in it
+    picture[19:21, 30] = "#"  # ... with a mover in it
     grid, robot = as_grid(picture), (1.5, 2.0)
     barred = Costmap(grid, 0.3, robot, CostmapConfig())
     assert not PathField(barred, robot).reaches(4.5, 2.0)
-    walker = np.array([[3.05, 2.0, 0.1]])
-    free = Costmap(grid, 0.3, robot, CostmapConfig(), walker)
+    mover = np.array([[3.05, 2.0, 0.1]])
+    free = Costmap(grid, 0.3, robot, CostmapConfig(), mover)
     assert PathField(free, robot).reaches(4.5, 2.0)
-    changed = np.argwhere(free.state != barred.state)  # nothing else: the passage's walls are 0.6 m from him
+    changed = np.argwhere(free.state != barred.state)  # nothing else: the passage's walls are 0.6 m from it
     assert sorted(free.point(i, j)[1] for i, j in changed) == pytest.approx([1.95, 2.05])
     assert len(changed) == 2
 
 
-def test_small_things_that_have_not_been_seen_lately_may_have_walked_away():
+def test_small_obstacles_that_have_not_been_seen_lately_may_have_moved_away():
     picture = hall(60, 40)
     grid, robot, box = as_grid(picture), (1.5, 1.0), np.array([1.0, 1.0, 5.0, 5.0])
     spot, bar = np.arange(1.025, 3.95, 0.05), np.arange(1.025, 3.95, 0.05)
