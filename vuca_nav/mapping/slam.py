@@ -105,6 +105,7 @@ class Slam:
         self.start = start
         self.map_from_odom: Pose2 | None = None
         """None before the first scan, which is taken at ``start``."""
+        self._map_from_base = start
         self._correction = STANDING
         self._num_scans = 0
         self._inserted_at = start
@@ -119,6 +120,7 @@ class Slam:
         """
         if self.map_from_odom is not None:
             self.map_from_odom = compose(map_correction, self.map_from_odom)
+        self._map_from_base = compose(map_correction, self._map_from_base)
         self._inserted_at = compose(map_correction, self._inserted_at)
         self._correction = compose(map_correction, self._correction)
 
@@ -126,8 +128,10 @@ class Slam:
         """Localise the scan in the map, then write it into the map.
 
         Moving tracks are no landmarks and have no place in a map. Beams that end on one empty the cells on their way,
-        as others do.
+        as others do. While odometry is not finite the estimate stays, and nothing is mapped.
         """
+        if not math.isfinite(sum(percept.odom_from_base)):
+            return self._stay()
         config, level, ends_in_base = self.config, percept.level, self._ends_in_base
         if self.map_from_odom is None:
             predicted = self.start
@@ -146,9 +150,18 @@ class Slam:
         self._num_scans += 1
         if pose is not predicted or self.map_from_odom is None:
             self.map_from_odom = compose(pose, inverse(percept.odom_from_base))
+        self._map_from_base = pose
         correction, self._correction = self._correction, STANDING
         return SlamEstimate(
             pose, self.map_from_odom, correction, score, ends_in_map[:num_returns], self.navigation_grid
+        )
+
+    def _stay(self) -> SlamEstimate:
+        """The last estimate, without a scan."""
+        correction, self._correction = self._correction, STANDING
+        map_from_odom = self.start if self.map_from_odom is None else self.map_from_odom
+        return SlamEstimate(
+            self._map_from_base, map_from_odom, correction, 1.0, self._ends_in_map[:0], self.navigation_grid
         )
 
     def _is_due(self, stamp: float, pose: Pose2) -> bool:

@@ -5,15 +5,26 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.vuca_nav.rooms import LIDAR, NOTHING, PERCEPTION, Sensors, moved, percept_of, ranges_to_boxes, room, scan_of
+from tests.vuca_nav.rooms import (
+    LIDAR,
+    NOTHING,
+    PERCEPTION,
+    REST,
+    Sensors,
+    moved,
+    percept_of,
+    ranges_to_boxes,
+    room,
+    scan_of,
+)
 from vuca_nav.errors import BadArgument
 from vuca_nav.geometry import between, compose, distance, inverse, wrap_angle
 from vuca_nav.mapping.grid import FREE_BELOW, OCCUPIED_ABOVE, GridConfig, OccupancyGrid
 from vuca_nav.mapping.scan_matching import ScanMatcher, ScanMatcherConfig
 from vuca_nav.mapping.slam import Slam, SlamConfig
 from vuca_nav.mapping.surfaces import SurfaceGrid
-from vuca_nav.perception.perception import PerceptionConfig
-from vuca_nav.types import STANDING, LidarSpec, Pose2
+from vuca_nav.perception.perception import Perception, PerceptionConfig
+from vuca_nav.types import STANDING, LidarSpec, Odometry, Pose2, Scan
 
 
 def insert_beam(grid: OccupancyGrid, end: tuple[float, float], is_hit: bool = True) -> None:
@@ -378,6 +389,33 @@ def test_a_new_mission_knows_of_no_correction():
     estimate = slam.update(percept_of(NOTHING))
     assert estimate.map_correction == STANDING
     assert estimate.map_from_base == STANDING
+
+
+@pytest.mark.parametrize("broken", [Pose2(math.nan, 0.0, 0.0), Pose2(0.0, math.inf, 0.0), Pose2(0.0, 0.0, math.nan)])
+def test_while_odometry_is_not_finite_the_estimate_stays_and_nothing_is_mapped(broken):
+    slam, perception, start = Slam(LIDAR), Perception(LIDAR), Pose2(3.0, 3.0, 0.2)
+    slam.reset(start)
+    ranges = ranges_to_boxes(room(6.0, 6.0), start)
+
+    def tick(k: int, odom_from_base: Pose2, seen: np.ndarray = ranges):
+        return slam.update(perception.update(Scan(k / 30, seen), Odometry(k / 30, odom_from_base, REST)))
+
+    assert tick(0, broken).map_from_base == start
+    assert not slam.navigation_grid.level.any()
+    before = [tick(k, Pose2(5.0, 1.0, 0.5)) for k in range(1, 5)][-1]
+    level = slam.navigation_grid.level.copy()
+    during = tick(5, broken, np.full(360, 1.0))
+    assert during.map_from_base == before.map_from_base
+    assert during.map_from_odom == before.map_from_odom
+    assert during.map_correction == STANDING
+    assert len(during.points_in_map) == 0
+    np.testing.assert_array_equal(slam.navigation_grid.level, level)
+    after = tick(6, Pose2(5.0, 1.0, 0.5))
+    assert after.map_from_base == pytest.approx(before.map_from_base, abs=1e-3)
+    slam.correct(Pose2(1.0, 0.0, 0.0))
+    corrected = tick(7, broken)
+    assert corrected.map_correction == (1.0, 0.0, 0.0)
+    assert corrected.map_from_base == pytest.approx((after.map_from_base.x + 1.0, *after.map_from_base[1:]))
 
 
 HALL, HERE = room(6.0, 6.0), Pose2(2.0, 3.0, 0.0)
