@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -12,12 +13,14 @@ from vuca_nav.types import FloatArray, Pose2
 
 OCCUPIED_ABOVE = 0.52
 FREE_BELOW = 0.48
-"""A cell between the two is unknown (Section III-C)."""
+"""A cell between the two is unknown (Zhang et al., Section III-C)."""
+_TILE = 3
+"""A tile is a square of 2^3 cells each way. Most tiles on a beam's way are as free as can be, and it skips them."""
 
 
 @dataclass(frozen=True, slots=True)
 class GridConfig:
-    """Levels are log-odds in units of ``unit``; 0 is "not known"."""
+    """Settings of an occupancy grid. Levels are log-odds in units of ``unit``; 0 is "not known"."""
 
     resolution: float = 0.05
     """[m]; Cartographer 2D's default."""
@@ -30,21 +33,51 @@ class GridConfig:
     limit: int = 20
     """Levels are clamped here, p in [0.12, 0.88]: six passing beams, 0.2 s, free a cell that was surely occupied."""
     block: float = 8.0
-    """The grid grows by multiples of this [m]."""
+    """The grid grows by multiples of this length [m]."""
 
     def __post_init__(self) -> None:
-        """Reject what the levels cannot hold."""
+        """Check the settings.
+
+        Raises:
+            BadArgument: If the levels cannot hold them.
+        """
         if not 0 < self.limit <= 127 or self.hit <= 0 or self.miss <= 0:
             raise BadArgument("grid: hit and miss must be positive, limit within 1..127")
         if 1.0 / (1.0 + math.exp(-self.unit)) <= OCCUPIED_ABOVE:
             raise BadArgument(f"grid: one level of {self.unit} log-odds must leave [{FREE_BELOW}, {OCCUPIED_ABOVE}]")
 
 
+class GridCells(NamedTuple):
+    """What the kernels read and write of an occupancy grid. It holds until the grid grows."""
+
+    level: np.ndarray
+    """(rows, columns) int8, see ``OccupancyGrid``."""
+    last_update: np.ndarray
+    """(rows, columns) int32, number of the last scan that hit or changed the cell; 0 for none."""
+    unsettled: np.ndarray
+    """(tile rows, tile columns) int32, cells of each tile that a passing beam could still lower."""
+    entropy_of_level: np.ndarray
+    """(256,) by level + 128 [nat]."""
+    entropy_change: np.ndarray
+    """(1,) entropy of all cells less that of an unseen map [nat]."""
+    origin_x: float
+    """Of the lower-left corner in the map [m]."""
+    origin_y: float
+    """As above [m]."""
+    resolution: float
+    """[m]"""
+    hit: int
+    """See ``GridConfig``, as the next two."""
+    miss: int
+    limit: int
+
+
 class OccupancyGrid:
-    """Grows as it is written to.
+    """An occupancy grid that grows as it is written to.
 
     Attributes:
-        level: (rows, columns) int8, row i holds y, column j holds x. Above 0 is occupied, below 0 free.
+        level: (rows, columns) int8, row i holds y, column j holds x. Above 0 is occupied, below 0 free. Only ``insert``
+            and ``fill`` may write to it.
         origin: x and y of the lower-left corner of cell [0, 0] in the map [m].
     """
 
@@ -67,12 +100,13 @@ class OccupancyGrid:
         p = self.probability_of_level
         self._entropy_of_level = -p * np.log(p) - (1.0 - p) * np.log(1.0 - p)
         self._entropy_change = np.zeros(1)
+        self._cells: GridCells | None = None
         self.known_box = (centre[0], centre[1], centre[0], centre[1])
-        """x_min, y_min, x_max, y_max of all that was ever written to [m]."""
+        """x_min, y_min, x_max, y_max of the rectangle that holds all cells ever written to [m]."""
 
     @property
     def entropy(self) -> float:
-        """Of the map less that of an unseen one, summed over all cells [nat]; 0 at first, and falling.
+        """Entropy of the map less that of an unseen one, summed over all cells [nat]; 0 at first, and falling.
 
         Section III-C prints ``-sum p log p`` with p the occupancy alone, which is largest at p = 1/e, so that the
         first look at a free cell would raise it. This is the entropy of the cell's two outcomes, largest at 1/2; and
@@ -92,14 +126,14 @@ class OccupancyGrid:
         )
 
     def state(self, x: float, y: float) -> int:
-        """-1 free, 0 unknown, 1 occupied, at a point of the map."""
+        """State of the cell at a point of the map: -1 free, 0 unknown, 1 occupied."""
         i, j = self.cell(x, y)
         if not (0 <= i < self.level.shape[0] and 0 <= j < self.level.shape[1]):
             return 0
         return int(np.sign(self.level[i, j]))
 
     def not_updated_for(self, scans: int) -> NDArray[np.bool_]:
-        """Cells that a scan has hit or changed, but none of the last so many, (rows, columns)."""
+        """Mask of the cells that some scan has hit or changed, but none of the last ``scans``, (rows, columns)."""
         return (self._scan_of_last_update > 0) & (self._scan_of_last_update < self._scan_index - scans)
 
     def cover(self, x_min: float, y_min: float, x_max: float, y_max: float) -> None:
@@ -124,6 +158,26 @@ class OccupancyGrid:
     def _grow(self, pad: tuple[tuple[int, int], tuple[int, int]]) -> None:
         self.level = np.pad(self.level, pad)
         self._scan_of_last_update = np.pad(self._scan_of_last_update, pad)
+        self._cells = None
+
+    @property
+    def cells(self) -> GridCells:
+        """The grid as the kernels take it; until it grows it is the same object."""
+        if self._cells is None:
+            self._cells = GridCells(
+                self.level,
+                self._scan_of_last_update,
+                _count_unsettled(self.level, -self.config.limit),
+                self._entropy_of_level,
+                self._entropy_change,
+                self.origin[0],
+                self.origin[1],
+                self.resolution,
+                self.config.hit,
+                self.config.miss,
+                self.config.limit,
+            )
+        return self._cells
 
     def _include(self, x_min: float, y_min: float, x_max: float, y_max: float) -> None:
         known = self.known_box
@@ -139,36 +193,19 @@ class OccupancyGrid:
     def insert(
         self, map_from_sensor: Pose2, points_in_map: FloatArray, num_hits: int, grazed: FloatArray, box: FloatArray
     ) -> None:
-        """Update every cell that the scan saw, once: a return's cell up, the cells on the way to it down.
+        """Update every cell that the scan saw, once: raise the returns' cells, lower those on the way to them.
 
         Args:
-            map_from_sensor: Where the scan was taken.
-            points_in_map: (n, 2) where beams ended [m].
-            num_hits: The first so many of them are returns; the others are ends of beams that met nothing.
-            grazed: (n,) over this last part of its way a beam skims the surface it ends on, and empties no cell that
-                is held for occupied [m].
-            box: (4,) x_min, y_min, x_max, y_max of all of them and the sensor [m].
+            map_from_sensor: Pose at which the scan was taken.
+            points_in_map: (n, 2) ends of the beams [m].
+            num_hits: The first ``num_hits`` of them are returns; the others are ends of beams that met nothing.
+            grazed: (n,) length of the last part of each beam, over which it skims the surface it ends on and empties no
+                occupied cell [m].
+            box: (4,) x_min, y_min, x_max, y_max of all ends and the sensor [m].
         """
         self._include(float(box[0]), float(box[1]), float(box[2]), float(box[3]))
         self._scan_index += 1
-        _insert(
-            self.level,
-            self._scan_of_last_update,
-            self._scan_index,
-            (map_from_sensor.x - self.origin[0]) / self.resolution,
-            (map_from_sensor.y - self.origin[1]) / self.resolution,
-            points_in_map,
-            num_hits,
-            grazed,
-            self.origin[0],
-            self.origin[1],
-            1.0 / self.resolution,
-            self.config.hit,
-            self.config.miss,
-            self.config.limit,
-            self._entropy_of_level,
-            self._entropy_change,
-        )
+        _insert(self.cells, self._scan_index, map_from_sensor.x, map_from_sensor.y, points_in_map, num_hits, grazed)
 
     def fill(self, level: NDArray[np.int8], origin: tuple[float, float]) -> None:
         """Take over a map known beforehand; it must have this grid's resolution.
@@ -182,52 +219,111 @@ class OccupancyGrid:
         self._include(origin[0], origin[1], origin[0] + columns * step, origin[1] + rows * step)
         i, j = self.cell(origin[0] + 0.5 * step, origin[1] + 0.5 * step)
         self.level[i : i + rows, j : j + columns] = np.sign(level) * self.config.limit
+        self._cells = None
         entropy = self._entropy_of_level[self.level.astype(np.int16) + 128]
         self._entropy_change[0] = float((entropy - self._entropy_of_level[128]).sum())
 
 
 @njit(cache=True)
-def _insert(
-    level, last_update, scan_index, sensor_j, sensor_i, points, num_hits, grazed, origin_x, origin_y, per_metre,
-    hit, miss, limit, entropy_of_level, entropy_change,
-):  # fmt: skip
+def _count_unsettled(level, lowest):
+    """Count the cells of each tile that lie above the lowest level."""
+    rows, columns = level.shape
+    side = 1 << _TILE
+    unsettled = np.zeros(((rows + side - 1) // side, (columns + side - 1) // side), np.int32)
+    for i in range(rows):
+        for j in range(columns):
+            unsettled[i >> _TILE, j >> _TILE] += level[i, j] > lowest
+    return unsettled
+
+
+@njit(cache=True, error_model="numpy")
+def _insert(cells, scan_index, sensor_x, sensor_y, points, num_hits, grazed):
+    """Raise the cells of the returns, then lower the cells on the way to them, each cell once."""
+    entropy_of_level = cells.entropy_of_level
+    origin_x, origin_y, per_metre = cells.origin_x, cells.origin_y, 1.0 / cells.resolution
+    level, last_update, unsettled = cells.level.ravel(), cells.last_update.ravel(), cells.unsettled.ravel()
+    columns, tile_columns = cells.level.shape[1], cells.unsettled.shape[1]
+    highest, lowest, miss = cells.limit, -cells.limit, cells.miss
     gain = 0.0
     for k in range(num_hits):
         i = int((points[k, 1] - origin_y) * per_metre)
         j = int((points[k, 0] - origin_x) * per_metre)
-        if last_update[i, j] != scan_index:
-            last_update[i, j] = scan_index
-            old = level[i, j]
-            new = min(old + hit, limit)
-            level[i, j] = new
+        cell = i * columns + j
+        if last_update[cell] != scan_index:
+            last_update[cell] = scan_index
+            old = level[cell]
+            new = min(old + cells.hit, highest)
+            level[cell] = new
             gain += entropy_of_level[new + 128] - entropy_of_level[old + 128]
+            if old == lowest:
+                unsettled[(i >> _TILE) * tile_columns + (j >> _TILE)] += 1
+    sensor_j = (sensor_x - origin_x) / cells.resolution
+    sensor_i = (sensor_y - origin_y) / cells.resolution
     for k in range(points.shape[0]):
-        # Walk the cells of the beam (Amanatides and Woo 1987), short of the one it ends in.
+        # Follow the beam, short of the cell it ends in, along the axis p that it advances faster on; q is the other.
+        # Where it leaves its n-th line of cells across p is computed from the start, not added up as by Amanatides and
+        # Woo (1987): so it can be followed from any line on.
         end_j = (points[k, 0] - origin_x) * per_metre
         end_i = (points[k, 1] - origin_y) * per_metre
-        dj = end_j - sensor_j
-        di = end_i - sensor_i
-        i, j = int(sensor_i), int(sensor_j)
-        last_i, last_j = int(end_i), int(end_j)
-        step_i = 1 if di > 0 else -1
-        step_j = 1 if dj > 0 else -1
-        t_per_i = abs(1.0 / di) if di != 0.0 else 1e30
-        t_per_j = abs(1.0 / dj) if dj != 0.0 else 1e30
-        t_i = ((i + 1 - sensor_i) if di > 0 else (sensor_i - i)) * t_per_i
-        t_j = ((j + 1 - sensor_j) if dj > 0 else (sensor_j - j)) * t_per_j
-        skims_from = 1.0 - grazed[k] * per_metre / max(math.hypot(di, dj), 1e-9)
-        for _ in range(abs(last_i - i) + abs(last_j - j)):
-            old = level[i, j]
-            skims = old > 0 and min(t_i, t_j) > skims_from
-            if old > -limit and last_update[i, j] != scan_index and not skims:
-                last_update[i, j] = scan_index
-                new = max(old - miss, -limit)
-                level[i, j] = new
-                gain += entropy_of_level[new + 128] - entropy_of_level[old + 128]
-            if t_i < t_j:
-                t_i += t_per_i
-                i += step_i
-            else:
-                t_j += t_per_j
-                j += step_j
-    entropy_change[0] += gain
+        if abs(end_j - sensor_j) >= abs(end_i - sensor_i):
+            p0, q0, p1, q1, stride_p, stride_q, tile_p, tile_q = (
+                sensor_j, sensor_i, end_j, end_i, 1, columns, 1, tile_columns,
+            )  # fmt: skip
+        else:
+            p0, q0, p1, q1, stride_p, stride_q, tile_p, tile_q = (
+                sensor_i, sensor_j, end_i, end_j, columns, 1, tile_columns, 1,
+            )  # fmt: skip
+        dp, dq = p1 - p0, q1 - q0
+        first_p, q, last_p, last_q = int(p0), int(q0), int(p1), int(q1)
+        if first_p == last_p and q == last_q:
+            continue
+        step_p = 1 if dp > 0.0 else -1
+        per_line = dq / abs(dp)
+        to_edge = first_p + 1 - p0 if dp > 0.0 else p0 - first_p
+        # Edges that are met exactly have been crossed.
+        leaves_at = q0 + to_edge * per_line - (1e-9 if dq <= 0.0 else 0.0)
+        lines = abs(last_p - first_p)
+        if dq == 0.0 and q0 == q:  # along an edge: on its lower side, and short of the cell before the end's
+            lines, last_q = lines - 1, last_q - 1
+        n = 0
+        while n <= lines:
+            p = first_p + n * step_p
+            in_tile = p & ((1 << _TILE) - 1)
+            stop = n + ((1 << _TILE) - in_tile if dp > 0.0 else in_tile + 1)
+            if stop <= lines:
+                next_q = int(leaves_at + (stop - 1) * per_line)
+                tile = (p >> _TILE) * tile_p
+                here, there = np.uint64(tile + (q >> _TILE) * tile_q), np.uint64(tile + (next_q >> _TILE) * tile_q)
+                if (unsettled[here] == 0) & (unsettled[there] == 0):
+                    n, q = stop, next_q
+                    continue
+            for m in range(n, min(stop, lines + 1)):
+                p = first_p + m * step_p
+                next_q = int(leaves_at + m * per_line) if m < lines else last_q
+                line = p * stride_p
+                cell, there = np.uint64(line + q * stride_q), np.uint64(line + next_q * stride_q)
+                if (level[cell] == lowest) & (level[there] == lowest):
+                    q = next_q
+                    continue
+                while m < lines or q != last_q:
+                    old = level[cell]
+                    if old > lowest and last_update[cell] != scan_index:
+                        skims = False
+                        if old > 0:
+                            left_at = (to_edge + m) / abs(dp)
+                            if q != next_q:
+                                left_at = min(left_at, ((q + 1 if dq > 0.0 else q) - q0) / dq)
+                            skims = left_at > 1.0 - grazed[k] * per_metre / max(math.hypot(dp, dq), 1e-9)
+                        if not skims:
+                            last_update[cell] = scan_index
+                            new = max(old - miss, lowest)
+                            level[cell] = new
+                            gain += entropy_of_level[new + 128] - entropy_of_level[old + 128]
+                            if new == lowest:
+                                unsettled[(p >> _TILE) * tile_p + (q >> _TILE) * tile_q] -= 1
+                    if q == next_q:
+                        break
+                    q = next_q
+                    cell = there
+            n = stop
+    cells.entropy_change[0] += gain

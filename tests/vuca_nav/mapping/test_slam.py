@@ -74,6 +74,53 @@ def test_a_hit_is_not_undone_by_another_beam_of_the_same_scan():
     assert grid.level[grid.cell(1.025, 0.025)] == grid.config.hit
 
 
+def beam_cells(start: tuple[float, float], end: tuple[float, float]) -> list[tuple[int, int]]:
+    """The cells of a beam but for its last, from those of many points on it; start and end in rows and columns."""
+    points = np.linspace(start, end, 200_001)
+    cells = np.floor(points).astype(int)
+    keep = np.r_[True, (np.diff(cells, axis=0) != 0).any(axis=1)]
+    return [tuple(cell) for cell in cells[keep] if (cell != cells[-1]).any()]
+
+
+def test_scans_of_beams_change_the_cells_that_points_on_the_beams_lie_in():
+    rng = np.random.default_rng(7)
+    grid = OccupancyGrid(GridConfig())
+    expected = np.zeros_like(grid.level)
+    for _ in range(12):
+        sensor = rng.uniform(-0.3, 0.3, 2)
+        angles = rng.uniform(-math.pi, math.pi, 60)
+        ends = sensor + rng.uniform(0.02, 4.0, (60, 1)) * np.column_stack([np.cos(angles), np.sin(angles)])
+        box = np.r_[ends.min(axis=0), ends.max(axis=0)]
+        num_hits = 20
+        grid.insert(Pose2(*sensor, 0.0), ends, num_hits, np.zeros(60), box)
+        hits = {grid.cell(x, y) for x, y in ends[:num_hits]}
+        in_cells = [(np.array(p)[::-1] - grid.origin[::-1]) / grid.resolution for p in (sensor, *ends)]
+        passed = {cell for end in in_cells[1:] for cell in beam_cells(tuple(in_cells[0]), tuple(end))} - hits
+        for cells, change in ((hits, grid.config.hit), (passed, -grid.config.miss)):
+            rows, columns = np.array(list(cells)).T
+            changed = expected[rows, columns] + change
+            expected[rows, columns] = np.clip(changed, -grid.config.limit, grid.config.limit)
+    assert grid.level.shape == expected.shape
+    # A beam may clip less of a cell than lies between two of the points: a few cells in tens of thousands.
+    assert np.count_nonzero(grid.level != expected) <= 3
+
+
+def test_beams_along_edges_and_diagonals_stay_beside_them():
+    for direction in [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1)]:
+        grid = OccupancyGrid(GridConfig())
+        corner = np.array(grid.origin) + 0.05 * 300
+        end = corner + 1.0 * np.array(direction)
+        box = np.r_[np.minimum(corner, end), np.maximum(corner, end)]
+        grid.insert(Pose2(*corner, 0.0), end[None], 1, np.zeros(1), box)
+        assert grid.state(*end) == 1
+        for i, j in np.argwhere(grid.level < 0):
+            centre = np.array(grid.origin) + 0.05 * (np.array([j, i]) + 0.5) - corner
+            along = centre @ np.array(direction) / np.linalg.norm(direction)
+            assert np.linalg.norm(centre - along * np.array(direction) / np.linalg.norm(direction)) <= 0.0501
+            assert -0.06 < along < np.linalg.norm(end - corner) + 0.06
+        assert 17 <= np.count_nonzero(grid.level < 0) <= 42
+
+
 def test_entropy_is_kept_up_to_date():
     rng = np.random.default_rng(3)
     grid = OccupancyGrid(GridConfig())
