@@ -19,6 +19,19 @@ from vuca_nav.types import FloatArray, Pose2
 
 LINE_RATIO = 0.1
 """Variance across over variance along up to which neighbouring returns are a line; 0.25 doubled the yaw's drift."""
+REACH = 2
+"""A line goes through the cells at most so many rows and columns away from the return's."""
+WIDTH = 2 * REACH + 1
+WINDOW_CELLS = WIDTH * WIDTH
+MAX_WEIGHT = 10.0
+"""A cell's mean weighs as many returns as it holds, but no more than this in the line of its neighbourhood."""
+MIN_WEIGHT = 6.0
+"""Neighbourhoods of fewer returns show no line."""
+TRANSLATION_PENALTY, ROTATION_PENALTY = 4.0, 20.0
+"""A candidate of the search loses this share of its score per squared metre and per squared radian from the prediction:
+1% at 0.05 m and 0.6% at 1 degree, so that among equals the nearest wins."""
+TIE = 1e-12
+"""Scores nearer to each other than this are equal, and the prediction wins."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,179 +75,308 @@ class Match(NamedTuple):
     """Share of the returns that lie on a known surface."""
 
 
+class SearchWindow(NamedTuple):
+    """The candidates of the correlative search, in steps about the prediction."""
+
+    stride: int
+    """The search looks at every so many returns."""
+    n_linear: int
+    """Steps each way along x and along y."""
+    linear_step: float
+    """[m]"""
+    n_angular: int
+    """Steps each way of the yaw."""
+    angular_step: float
+    """[rad]"""
+    preference: np.ndarray
+    """(2 n_angular + 1, 2 n_linear + 1, 2 n_linear + 1) factor of each candidate's score, 1 for the prediction."""
+
+
+class RefinementSettings(NamedTuple):
+    """The settings of the Gauss-Newton refinement; see ``ScanMatcherConfig``."""
+
+    translation_weight: float
+    rotation_weight: float
+    residual_scale: float
+    """[m]"""
+    gate: float
+    """[m]"""
+    associations: int
+    iterations: int
+
+
+class Workspace(NamedTuple):
+    """What the kernels write to, allocated once."""
+
+    candidate_cells: np.ndarray
+    """(2, 2 n + 1, num_beams) int32, n of the widest window: the first element of the row of ``level`` that a return
+    falls in by the candidate's y, and the column by its x; -1 where that is outside the grid."""
+    cells: np.ndarray
+    """(num_beams, 5) int64: row and column of the return's cell, those of the cell that ``means`` were collected about,
+    and how many they are."""
+    means: np.ndarray
+    """(num_beams, WINDOW_CELLS, 3) mean returns about the cell: column, row, weight."""
+    moments: np.ndarray
+    """(8, num_beams) the return's column and row; then of these means, from the return, in cells: sums of the weights,
+    of x, y, x^2, x y and y^2; then whether they are a line, means of x and y, var x - var y, and cov x y."""
+    lines: np.ndarray
+    """(num_beams, 6) of the returns that have a line: the return in base_link [m], a point of the line in the map [m],
+    its normal."""
+
+
 class ScanMatcher:
     """Fits returns to the surfaces of a map."""
 
     def __init__(self, config: ScanMatcherConfig, num_beams: int):
         self.config = config
-        self._lines = np.empty((num_beams, 5))
+        self._near = _window(config, 1.0)
+        self._wide = _window(config, config.recovery_factor)
+        self._refinement = RefinementSettings(
+            config.translation_weight,
+            config.rotation_weight,
+            config.residual_scale,
+            config.gate,
+            config.associations,
+            config.iterations,
+        )
+        width = 2 * max(self._near.n_linear, self._wide.n_linear) + 1
+        self._workspace = Workspace(
+            candidate_cells=np.empty((2, width, num_beams), np.int32),
+            cells=np.empty((num_beams, 5), np.int64),
+            means=np.empty((num_beams, WINDOW_CELLS, 3)),
+            moments=np.empty((8, num_beams)),
+            lines=np.empty((num_beams, 6)),
+        )
 
     def match(self, grid: SurfaceGrid, predicted: Pose2, points_in_base: FloatArray) -> Match:
-        """Fit.
+        """Find the pose at which the returns lie on the map's surfaces.
 
         Args:
             grid: What to match against.
             predicted: ``map_from_base`` by odometry.
-            points_in_base: (n, 2) returns [m].
+            points_in_base: (n, 2) returns, n at most ``num_beams`` [m].
         """
         c = self.config
-        match = self._fit(grid, predicted, points_in_base, 1.0)
+        match = self._fit(grid, predicted, points_in_base, self._near)
         if match.score < c.recovery_score:
-            wide = self._fit(grid, predicted, points_in_base, c.recovery_factor)
+            wide = self._fit(grid, predicted, points_in_base, self._wide)
             if wide.score > match.score + 0.05:
                 return wide
         return match
 
-    def _fit(self, grid: SurfaceGrid, predicted: Pose2, points_in_base: FloatArray, window: float) -> Match:
-        c = self.config
-        found = _search(
-            grid.level,
-            grid.config.limit,
-            grid.origin[0],
-            grid.origin[1],
-            1.0 / grid.resolution,
-            points_in_base,
-            c.search_stride,
-            predicted.x,
-            predicted.y,
-            predicted.yaw,
-            round(window * c.linear_window / c.linear_step),
-            c.linear_step,
-            round(window * c.angular_window / c.angular_step),
-            c.angular_step,
-        )
-        x, y, yaw, score = _refine(
-            grid.level,
-            grid.mean,
-            grid.count,
-            grid.origin[0],
-            grid.origin[1],
-            grid.resolution,
-            points_in_base,
-            found,
-            (predicted.x, predicted.y, predicted.yaw),
-            c.translation_weight,
-            c.rotation_weight,
-            c.residual_scale,
-            c.gate,
-            c.associations,
-            c.iterations,
-            self._lines,
-        )
+    def _fit(self, grid: SurfaceGrid, predicted: Pose2, points_in_base: FloatArray, window: SearchWindow) -> Match:
+        x, y, yaw, score = _fit(grid.surface, points_in_base, predicted, window, self._refinement, self._workspace)
         return Match(Pose2(x, y, wrap_angle(yaw)), score)
 
 
-@njit(cache=True)
-def _search(
-    level, limit, origin_x, origin_y, per_metre, points, stride, x0, y0, yaw0, n_linear, linear_step,
-    n_angular, angular_step,
-):  # fmt: skip
-    """Best of the window by the mean level of the occupied cells that returns fall in; x, y and yaw.
+def _window(config: ScanMatcherConfig, factor: float) -> SearchWindow:
+    n_linear = round(factor * config.linear_window / config.linear_step)
+    n_angular = round(factor * config.angular_window / config.angular_step)
+    steps, turns = np.arange(-n_linear, n_linear + 1), np.arange(-n_angular, n_angular + 1)
+    preference = np.empty((len(turns), len(steps), len(steps)))
+    _prefer(config.linear_step, config.angular_step, preference)
+    return SearchWindow(config.search_stride, n_linear, config.linear_step, n_angular, config.angular_step, preference)
 
-    A little in favour of the prediction.
-    """
-    rows, columns = level.shape
-    best, best_x, best_y, best_yaw = -1.0, x0, y0, yaw0
-    count = (points.shape[0] + stride - 1) // stride
+
+@njit(cache=True)
+def _prefer(linear_step, angular_step, preference):
+    """Fill in the factor of each candidate: it falls with the distance to the prediction."""
+    n_angular, n_linear = preference.shape[0] // 2, preference.shape[1] // 2
     for a in range(-n_angular, n_angular + 1):
-        yaw = yaw0 + a * angular_step
-        c, s = math.cos(yaw), math.sin(yaw)
         for u in range(-n_linear, n_linear + 1):
             for v in range(-n_linear, n_linear + 1):
-                x, y = x0 + u * linear_step, y0 + v * linear_step
-                total = 0.0
-                for k in range(0, points.shape[0], stride):
-                    j = int((x + c * points[k, 0] - s * points[k, 1] - origin_x) * per_metre)
-                    i = int((y + s * points[k, 0] + c * points[k, 1] - origin_y) * per_metre)
-                    if 0 <= i < rows and 0 <= j < columns:
-                        total += max(level[i, j], 0)
-                away = (u * u + v * v) * linear_step**2 * 4.0 + (a * angular_step) ** 2 * 20.0
-                score = total / (limit * max(count, 1)) * math.exp(-away)
+                away = (u * u + v * v) * linear_step**2 * TRANSLATION_PENALTY
+                away += (a * angular_step) ** 2 * ROTATION_PENALTY
+                preference[a + n_angular, u + n_linear, v + n_linear] = math.exp(-away)
+
+
+@njit(cache=True)
+def _fit(surface, points, predicted, window, settings, workspace):
+    """Search, then refine: x, y, yaw and the share of the returns that lie on a known surface."""
+    start = _search(surface, points, predicted, window, workspace)
+    return _refine(surface, points, predicted, start, settings, workspace)
+
+
+@njit(cache=True)
+def _search(surface, points, predicted, window, workspace):
+    """Best of the window by the mean level of the occupied cells that returns fall in; x, y and yaw.
+
+    A little in favour of the prediction. Returns are turned once for each yaw, and moved once for each x and each y.
+    """
+    level = surface.level.ravel()
+    x0, y0, yaw0 = predicted
+    n, step = window.n_linear, window.linear_step
+    count = (points.shape[0] + window.stride - 1) // window.stride
+    full_marks = surface.limit * max(count, 1)
+    row_starts, columns = workspace.candidate_cells
+    preference = window.preference
+    best, best_x, best_y, best_yaw = -1.0, x0, y0, yaw0
+    for a in range(-window.n_angular, window.n_angular + 1):
+        yaw = yaw0 + a * window.angular_step
+        inside = _candidate_cells(surface, points, (x0, y0, yaw), window, row_starts, columns)
+        for u in range(2 * n + 1):
+            for v in range(2 * n + 1):
+                total = 0
+                if inside:
+                    for k in range(count):
+                        total += max(level[np.uint64(row_starts[v, k] + columns[u, k])], 0)
+                else:
+                    for k in range(count):
+                        if row_starts[v, k] >= 0 and columns[u, k] >= 0:
+                            total += max(level[row_starts[v, k] + columns[u, k]], 0)
+                score = total / full_marks * preference[a + window.n_angular, u, v]
                 # A tie goes to the prediction: strictly better, or nearer.
-                if score > best + 1e-12 or (score > best - 1e-12 and u == 0 and v == 0 and a == 0):
-                    best, best_x, best_y, best_yaw = score, x, y, yaw
+                if score > best + TIE or (score > best - TIE and u == n and v == n and a == 0):
+                    best, best_x, best_y, best_yaw = score, x0 + (u - n) * step, y0 + (v - n) * step, yaw
     return best_x, best_y, best_yaw
 
 
 @njit(cache=True)
-def _assign(level, mean, count, origin_x, origin_y, resolution, points, x, y, yaw, gate, lines):
-    """The line through the surface about each return; how many have one.
-
-    Writes rows of ``lines``: a point of the line, its normal, and 1 or 0 for whether there is one.
-    """
-    rows, columns = level.shape
-    per_metre = 1.0 / resolution
+def _candidate_cells(surface, points, pose, window, row_starts, columns):
+    """Find the cells of the returns at one yaw, for each x and y of the window; whether all are in the grid."""
+    height, width = np.int32(surface.level.shape[0]), np.int32(surface.level.shape[1])
+    origin_x, origin_y, per_metre = surface.origin_x, surface.origin_y, 1.0 / surface.resolution
+    x0, y0, yaw = pose
     c, s = math.cos(yaw), math.sin(yaw)
-    assigned = 0
+    n, step, stride = window.n_linear, window.linear_step, window.stride
+    outside = 0
+    for u in range(2 * n + 1):
+        x, y = x0 + (u - n) * step, y0 + (u - n) * step
+        for k in range((points.shape[0] + stride - 1) // stride):
+            px, py = points[k * stride, 0], points[k * stride, 1]
+            j = np.int32((x + c * px - s * py - origin_x) * per_metre)
+            i = np.int32((y + s * px + c * py - origin_y) * per_metre)
+            row_in, column_in = (i >= 0) & (i < height), (j >= 0) & (j < width)
+            row_starts[u, k] = i * width if row_in else -1
+            columns[u, k] = j if column_in else -1
+            outside |= not (row_in & column_in)
+    return outside == 0
+
+
+@njit(cache=True)
+def _gather(surface, num_points, again, workspace):
+    """Collect the mean returns about the cells of all returns that have left the one they were in.
+
+    First which cells are occupied, without a branch that could not be foreseen: the next place is written over what was
+    not. An occupied cell has a mean.
+    """
+    level, mean, count = surface.level.ravel(), surface.mean.ravel(), surface.count.ravel()
+    means, cells = workspace.means, workspace.cells
+    occupied = np.empty(WINDOW_CELLS + 1, np.int64)
+    rows, columns = surface.level.shape
+    for k in range(num_points):
+        i, j = cells[k, 0], cells[k, 1]
+        if again and i == cells[k, 2] and j == cells[k, 3]:
+            continue
+        cells[k, 2], cells[k, 3] = i, j
+        n = 0
+        if REACH <= i < rows - REACH and REACH <= j < columns - REACH:
+            corner = (i - REACH) * columns + j - REACH
+            for a in range(WIDTH):
+                for b in range(WIDTH):
+                    occupied[n] = WIDTH * a + b
+                    n += level[np.uint64(corner + a * columns + b)] > 0
+            for m in range(n):
+                a, b = divmod(np.uint32(occupied[m]), np.uint32(WIDTH))
+                cell = np.uint64(corner + a * columns + b)
+                means[k, m, 0] = (j - REACH + b) + mean[2 * cell]
+                means[k, m, 1] = (i - REACH + a) + mean[2 * cell + np.uint64(1)]
+                means[k, m, 2] = min(float(count[cell]), MAX_WEIGHT)
+        cells[k, 4] = n
+
+
+@njit(cache=True, error_model="numpy")
+def _assign(surface, points, pose, settings, again, workspace):
+    """Find the line through the surface about each return; how many have one.
+
+    Most returns are in the cell where they were when lines were last assigned: what lies about it is kept. Cells, sums
+    and lines are found one after the other for all returns, so that none waits for another's branches.
+
+    Args:
+        surface: The map.
+        points: (n, 2) returns in base_link [m].
+        pose: x, y, yaw in the map [m, rad].
+        settings: Those of the refinement.
+        again: The workspace knows these returns' cells from the last time.
+        workspace: Its ``lines`` are written to.
+    """
+    origin_x, origin_y, resolution = surface.origin_x, surface.origin_y, surface.resolution
+    cells, means, moments, lines = workspace.cells, workspace.means, workspace.moments, workspace.lines
+    per_metre = 1.0 / resolution
+    x, y, yaw = pose
+    c, s = math.cos(yaw), math.sin(yaw)
     for k in range(points.shape[0]):
-        lines[k, 4] = 0.0
         # Everything below in cells, from the return.
         fx = (x + c * points[k, 0] - s * points[k, 1] - origin_x) * per_metre
         fy = (y + s * points[k, 0] + c * points[k, 1] - origin_y) * per_metre
-        i, j = int(fy), int(fx)
-        if i < 2 or j < 2 or i >= rows - 2 or j >= columns - 2:
-            continue
+        moments[0, k], moments[1, k] = fx, fy
+        cells[k, 0], cells[k, 1] = int(fy), int(fx)
+    _gather(surface, points.shape[0], again, workspace)
+    for k in range(points.shape[0]):
+        fx, fy = moments[0, k], moments[1, k]
         n = mx = my = xx = xy = yy = 0.0
-        for a in range(i - 2, i + 3):
-            for b in range(j - 2, j + 3):
-                if level[a, b] > 0 and count[a, b] > 0:
-                    w = min(float(count[a, b]), 10.0)
-                    u = b + mean[a, b, 0] - fx
-                    v = a + mean[a, b, 1] - fy
-                    n += w
-                    mx += w * u
-                    my += w * v
-                    xx += w * u * u
-                    xy += w * u * v
-                    yy += w * v * v
-        if n < 6.0:
-            continue
-        mx /= n
-        my /= n
-        xx = xx / n - mx * mx
-        xy = xy / n - mx * my
-        yy = yy / n - my * my
+        for m in range(cells[k, 4]):
+            u = means[k, m, 0] - fx
+            v = means[k, m, 1] - fy
+            w = means[k, m, 2]
+            n += w
+            mx += w * u
+            my += w * v
+            xx += w * u * u
+            xy += w * u * v
+            yy += w * v * v
+        moments[2, k], moments[3, k], moments[4, k] = n, mx, my
+        moments[5, k], moments[6, k], moments[7, k] = xx, xy, yy
+    for k in range(points.shape[0]):
+        n = moments[2, k]
+        mx, my = moments[3, k] / n, moments[4, k] / n
+        xx = moments[5, k] / n - mx * mx
+        xy = moments[6, k] / n - mx * my
+        yy = moments[7, k] / n - my * my
         root = math.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
         along, across = 0.5 * (xx + yy) + root, 0.5 * (xx + yy) - root
-        if across > LINE_RATIO * along:
-            continue  # a corner, a blob, or both faces of a thin wall: no line
-        direction = 0.5 * math.atan2(2.0 * xy, xx - yy)
-        nx, ny = -math.sin(direction), math.cos(direction)
-        if abs(nx * mx + ny * my) * resolution > gate:
+        # Else a corner, a blob, or both faces of a thin wall: no line.
+        moments[2, k] = (n >= MIN_WEIGHT) & (across <= LINE_RATIO * along)
+        moments[3, k], moments[4, k], moments[5, k], moments[6, k] = mx, my, xx - yy, xy
+    assigned = 0
+    for k in range(points.shape[0]):
+        if moments[2, k] == 0.0:
             continue
-        lines[k, 0] = (fx + mx) * resolution + origin_x
-        lines[k, 1] = (fy + my) * resolution + origin_y
-        lines[k, 2] = nx
-        lines[k, 3] = ny
-        lines[k, 4] = 1.0
+        mx, my = moments[3, k], moments[4, k]
+        direction = 0.5 * math.atan2(2.0 * moments[6, k], moments[5, k])
+        nx, ny = -math.sin(direction), math.cos(direction)
+        if abs(nx * mx + ny * my) * resolution > settings.gate:
+            continue
+        lines[assigned, 0], lines[assigned, 1] = points[k, 0], points[k, 1]
+        lines[assigned, 2] = (moments[0, k] + mx) * resolution + origin_x
+        lines[assigned, 3] = (moments[1, k] + my) * resolution + origin_y
+        lines[assigned, 4], lines[assigned, 5] = nx, ny
         assigned += 1
     return assigned
 
 
 @njit(cache=True)
-def _refine(
-    level, mean, count, origin_x, origin_y, resolution, points, start, predicted, translation_weight, rotation_weight,
-    residual_scale, gate, associations, iterations, lines,
-):  # fmt: skip
+def _refine(surface, points, predicted, start, settings, workspace):
     """Gauss-Newton on Cauchy-weighted distances to lines, pulled to the prediction; pose and share of returns used."""
     x, y, yaw = start
     x0, y0, yaw0 = predicted
+    translation_weight, rotation_weight = settings.translation_weight, settings.rotation_weight
+    residual_scale = settings.residual_scale
+    lines = workspace.lines
     n = points.shape[0]
     assigned = 0
-    for _ in range(associations):
-        assigned = _assign(level, mean, count, origin_x, origin_y, resolution, points, x, y, yaw, gate, lines)
-        for _ in range(iterations):
+    for association in range(settings.associations):
+        assigned = _assign(surface, points, (x, y, yaw), settings, association > 0, workspace)
+        for _ in range(settings.iterations):
             h00, h11, h22 = translation_weight, translation_weight, rotation_weight
             h01 = h02 = h12 = 0.0
             g0, g1, g2 = translation_weight * (x0 - x), translation_weight * (y0 - y), rotation_weight * (yaw0 - yaw)
             c, s = math.cos(yaw), math.sin(yaw)
-            for k in range(n):
-                if lines[k, 4] == 0.0:
-                    continue
-                px = c * points[k, 0] - s * points[k, 1]
-                py = s * points[k, 0] + c * points[k, 1]
-                nx, ny = lines[k, 2], lines[k, 3]
-                r = nx * (lines[k, 0] - x - px) + ny * (lines[k, 1] - y - py)
+            for k in range(assigned):
+                px = c * lines[k, 0] - s * lines[k, 1]
+                py = s * lines[k, 0] + c * lines[k, 1]
+                nx, ny = lines[k, 4], lines[k, 5]
+                r = nx * (lines[k, 2] - x - px) + ny * (lines[k, 3] - y - py)
                 w = 1.0 / (1.0 + (r / residual_scale) ** 2)
                 j2 = ny * px - nx * py
                 h00 += w * nx * nx

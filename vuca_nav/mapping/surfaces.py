@@ -4,6 +4,8 @@ A cell's mean return is an estimate of the surface far finer than the cell; the 
 give the line through it (as in the normal distributions transform, Biber and Strasser 2003).
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -15,6 +17,25 @@ MAX_COUNT = 60
 """Returns that a cell's mean remembers: enough to average 2 cm of noise to 3 mm, and new ones still count."""
 PRIOR_COUNT = 3
 """Returns that a cell of a map known beforehand is worth: its surface may lie anywhere in the cell."""
+
+
+class Surface(NamedTuple):
+    """What the scan matcher reads of a surface grid."""
+
+    level: np.ndarray
+    """(rows, columns) int8."""
+    mean: np.ndarray
+    """(rows, columns, 2) float32, see ``SurfaceGrid``."""
+    count: np.ndarray
+    """(rows, columns) uint8, see ``SurfaceGrid``."""
+    origin_x: float
+    """Of the lower-left corner in the map [m]."""
+    origin_y: float
+    """As above [m]."""
+    resolution: float
+    """[m]"""
+    limit: int
+    """The highest level there is."""
 
 
 class SurfaceGrid(OccupancyGrid):
@@ -29,23 +50,29 @@ class SurfaceGrid(OccupancyGrid):
         super().__init__(config, centre)
         self.mean: NDArray[np.float32] = np.zeros((*self.level.shape, 2), np.float32)
         self.count: NDArray[np.uint8] = np.zeros(self.level.shape, np.uint8)
+        self._surface: Surface | None = None
+
+    @property
+    def surface(self) -> Surface:
+        """The grid as the scan matcher takes it; until it grows it is the same object."""
+        if self._surface is None:
+            self._surface = Surface(
+                self.level,
+                self.mean,
+                self.count,
+                self.origin[0],
+                self.origin[1],
+                self.resolution,
+                self.config.limit,
+            )
+        return self._surface
 
     def insert(
         self, map_from_sensor: Pose2, points_in_map: FloatArray, num_hits: int, grazed: FloatArray, box: FloatArray
     ) -> None:
         """As for the occupancy grid; the returns also move their cells' means."""
         super().insert(map_from_sensor, points_in_map, num_hits, grazed, box)
-        _average(
-            self.level,
-            self.mean,
-            self.count,
-            points_in_map,
-            num_hits,
-            self.origin[0],
-            self.origin[1],
-            1.0 / self.resolution,
-            self.config.hit,
-        )
+        _average(self.surface, self.config.hit, points_in_map, num_hits)
 
     def fill(self, level: NDArray[np.int8], origin: tuple[float, float]) -> None:
         """As for the occupancy grid, but only what has a free cell beside it is a surface.
@@ -64,10 +91,14 @@ class SurfaceGrid(OccupancyGrid):
         super()._grow(pad)
         self.mean = np.pad(self.mean, (*pad, (0, 0)))
         self.count = np.pad(self.count, pad)
+        self._surface = None
 
 
 @njit(cache=True)
-def _average(level, mean, count, points, num_hits, origin_x, origin_y, per_metre, hit):
+def _average(surface, hit, points, num_hits):
+    """Move the means of the cells that the returns fall in; a cell that was free until now begins anew."""
+    level, mean, count = surface.level, surface.mean, surface.count
+    origin_x, origin_y, per_metre = surface.origin_x, surface.origin_y, 1.0 / surface.resolution
     for k in range(num_hits):
         fx = (points[k, 0] - origin_x) * per_metre
         fy = (points[k, 1] - origin_y) * per_metre
