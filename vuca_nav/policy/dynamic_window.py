@@ -9,6 +9,7 @@ neither on nor round; it then backs or sidesteps out to where it can turn on the
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -21,10 +22,13 @@ from vuca_nav.policy.base import LocalGoal, LocalPolicy
 from vuca_nav.policy.delay import CommandDelay
 from vuca_nav.types import STANDING, STOP, BodySpec, LidarSpec, Pose2, VelocityCommand
 
+ROUNDING = 1e-9
+"""Bounds of costs are this much too low, so that no rounding makes one too high."""
+
 
 @dataclass(frozen=True, slots=True)
 class DynamicWindowConfig:
-    """Costs are in metres: what it is worth to be so much nearer to the waypoint."""
+    """Settings of the dynamic window. Costs are in metres: what it is worth to be so much nearer to the waypoint."""
 
     window: float = 0.3
     """Velocities within so much acceleration are tried [s]."""
@@ -47,7 +51,7 @@ class DynamicWindowConfig:
     backward_weight: float = 0.5
     """Cost of a metre backwards."""
     brake_margin: float = 0.1
-    """Room left when braking [m]."""
+    """Clearance left when braking [m]."""
     recovery_turn: float = 0.5
     """Share of the greatest yaw rate at which it turns on the spot when no motion is admissible."""
     patience: float = 1.0
@@ -57,17 +61,61 @@ class DynamicWindowConfig:
     progress_turn: float = 0.3
     """... or so much turning [rad]."""
     escape_speed: float = 0.2
-    """Of the way out [m/s]."""
+    """Speed on the way out [m/s]."""
     escape_time: float = 4.0
-    """After which the window is asked again [s]."""
+    """Time of the way out, after which the window is asked again [s]."""
     escape_horizon: float = 1.0
+    """Length of the way out's trajectories [s]."""
+    escape_clearance: float = 0.05
+    """Clearance beyond what turning on the spot takes, at which the way out ends: hysteresis [m]."""
+
+
+class WindowSettings(NamedTuple):
+    """What the kernel of the window needs of ``DynamicWindowConfig`` and of the body."""
+
+    num_v_x: int
+    num_w_z: int
+    steps: int
+    """Steps of a trajectory."""
+    time_step: float
     """[s]"""
-    escape_room: float = 0.05
-    """Beyond what turning on the spot takes, at which the way out ends: hysteresis [m]."""
+    horizon: float
+    """[s]"""
+    margin: float
+    """[m]"""
+    comfort: float
+    """[m]"""
+    comfort_weight: float
+    heading_weight: float
+    turn_weight: float
+    backward_weight: float
+    brake_margin: float
+    """[m]"""
+    max_a_x: float
+    """[m/s^2]"""
+
+
+class EscapeSettings(NamedTuple):
+    """What the kernel of the way out needs of ``DynamicWindowConfig`` and of the body."""
+
+    enough: float
+    """Distances of the body's centre beyond this count as this much [m]."""
+    speed: float
+    """[m/s]"""
+    min_v_x: float
+    """[m/s]"""
+    max_v_y: float
+    """[m/s]"""
+    w_z: float
+    """Yaw rate of the candidates that turn [rad/s]."""
+    steps: int
+    """Steps of a trajectory."""
+    time_step: float
+    """[s]"""
 
 
 class DynamicWindow(LocalPolicy):
-    """Differential bodies and quadrupeds alike: v_y stays 0 but on the way out of a tight spot."""
+    """The policy, for differential bodies and quadrupeds alike: v_y is 0 but on the way out of a tight spot."""
 
     def __init__(self, body: BodySpec, lidar: LidarSpec, config: DynamicWindowConfig = DynamicWindowConfig()):
         self.body = body
@@ -76,6 +124,30 @@ class DynamicWindow(LocalPolicy):
         self._turning_disc = np.array([[0.0, 0.0, body.radius]])
         self._centre = np.zeros((1, 3))
         self._is_round = len(self._discs) == 1
+        self._window_settings = WindowSettings(
+            config.num_v_x,
+            config.num_w_z,
+            round(config.horizon / config.time_step),
+            config.time_step,
+            config.horizon,
+            config.margin,
+            config.comfort,
+            config.comfort_weight,
+            config.heading_weight,
+            config.turn_weight,
+            config.backward_weight,
+            config.brake_margin,
+            body.max_a_x,
+        )
+        self._escape_settings = EscapeSettings(
+            body.radius + config.margin + 2.0 * config.escape_clearance,
+            config.escape_speed,
+            max(body.min_v_x, -config.escape_speed),
+            body.max_v_y,
+            config.recovery_turn * body.max_w_z,
+            round(config.escape_horizon / config.time_step),
+            config.time_step,
+        )
         self._dt = 1.0 / lidar.rate
         self._delay = CommandDelay(body, lidar.rate)
         self.reset()
@@ -119,47 +191,33 @@ class DynamicWindow(LocalPolicy):
         v_x, w_z, admissible = _best(
             field,
             self._discs,
-            start.x,
-            start.y,
-            math.cos(start.yaw),
-            math.sin(start.yaw),
-            goal.point_in_base[0],
-            goal.point_in_base[1],
-            goal.is_final,
+            self._window_settings,
+            (start.x, start.y, math.cos(start.yaw), math.sin(start.yaw)),
+            (goal.point_in_base[0], goal.point_in_base[1], goal.is_final),
+            (
+                max(body.min_v_x, self._last.v_x - c.window * body.max_a_x),
+                min(body.max_v_x, self._last.v_x + c.window * body.max_a_x),
+                max(-body.max_w_z, self._last.w_z - c.window * body.max_a_w),
+                min(body.max_w_z, self._last.w_z + c.window * body.max_a_w),
+            ),
             self._last.w_z,
-            max(body.min_v_x, self._last.v_x - c.window * body.max_a_x),
-            min(body.max_v_x, self._last.v_x + c.window * body.max_a_x),
-            max(-body.max_w_z, self._last.w_z - c.window * body.max_a_w),
-            min(body.max_w_z, self._last.w_z + c.window * body.max_a_w),
-            c.num_v_x,
-            c.num_w_z,
-            c.horizon,
-            c.time_step,
-            c.margin,
-            c.comfort,
-            c.comfort_weight,
-            c.heading_weight,
-            c.turn_weight,
-            c.backward_weight,
-            c.brake_margin,
-            body.max_a_x,
         )
         return VelocityCommand(v_x, 0.0, w_z) if admissible else None
 
     def _clearance_to_turn(self, field: DistanceField, start: Pose2) -> float:
-        """What is left around the body when it turns on the spot once round [m]."""
+        """Clearance that is left when the body turns on the spot once round [m]."""
         return clearance_at(field, self._turning_disc, start.x, start.y, 1.0, 0.0) - self.config.margin
 
     def _way_out(self, percept: Percept, goal: LocalGoal, field: DistanceField, start: Pose2) -> VelocityCommand | None:
-        """Towards where it can turn, once it has stood for long where it cannot; None if it need not."""
-        body, c = self.body, self.config
+        """The velocity towards where the body can turn, once it has stood for long where it cannot; None otherwise."""
+        c = self.config
         self._watch_progress(percept, goal)
-        room = self._clearance_to_turn(field, start)
-        if self._escaping <= 0.0 and self._waited >= c.patience and room < 0.0:
+        clearance = self._clearance_to_turn(field, start)
+        if self._escaping <= 0.0 and self._waited >= c.patience and clearance < 0.0:
             self._escaping = c.escape_time
         if self._escaping <= 0.0:
             return None
-        if room >= c.escape_room:
+        if clearance >= c.escape_clearance:
             self._escaping = self._waited = 0.0
             return None
         self._escaping -= self._dt
@@ -170,23 +228,14 @@ class DynamicWindow(LocalPolicy):
                 field,
                 self._discs,
                 self._centre,
-                body.radius + c.margin + 2.0 * c.escape_room,
-                start.x,
-                start.y,
-                math.cos(start.yaw),
-                math.sin(start.yaw),
+                self._escape_settings,
+                (start.x, start.y, math.cos(start.yaw), math.sin(start.yaw)),
                 self._last,
-                c.escape_speed,
-                max(body.min_v_x, -c.escape_speed),
-                body.max_v_y,
-                c.recovery_turn * body.max_w_z,
-                c.escape_horizon,
-                c.time_step,
             )
         )
 
     def _watch_progress(self, percept: Percept, goal: LocalGoal) -> None:
-        """How long it has not got on though there is way to go."""
+        """Count the time in which the body has not got on though it has some way to go."""
         self._since_progress = compose(self._since_progress, percept.motion)
         way, turn = self.config.progress_way, self.config.progress_turn
         x, y, yaw = self._since_progress
@@ -196,92 +245,146 @@ class DynamicWindow(LocalPolicy):
 
 
 @njit(cache=True)
-def _best(
-    field, discs, start_x, start_y, start_cos, start_sin, goal_x, goal_y, is_final, last_w, v_min,
-    v_max, w_min, w_max, num_v, num_w, horizon, dt, margin, comfort, comfort_weight, heading_weight, turn_weight,
-    backward_weight, brake_margin, max_a,
-):  # fmt: skip
-    """Cheapest admissible pair of velocities, and whether there was any."""
-    room_now = clearance_at(field, discs, start_x, start_y, start_cos, start_sin) - margin
-    steps = int(round(horizon / dt))
-    best_cost, best_v, best_w, found = 1e30, 0.0, 0.0, False
+def _best(field, discs, settings, start, target, limits, last_w):
+    """Find the cheapest admissible pair of velocities, and whether there was any.
+
+    First all trajectories are laid out without looking at the field. What they cost at least, where nothing is near,
+    decides which one is judged first, and spares those the field that could not be cheaper than the best.
+
+    Args:
+        field: Distances to what the scan shows.
+        discs: (k, 3) the body.
+        settings: The window's.
+        start: x, y, cosine and sine of the yaw in base_link, where trajectories begin [m].
+        target: x and y of the waypoint in base_link [m], and whether it is the goal: a trajectory that passes over
+            that need not end on it.
+        limits: Least and greatest v_x [m/s] and w_z [rad/s] to try.
+        last_w: Yaw rate that was asked for last [rad/s].
+    """
+    num_v, num_w, steps, dt = settings.num_v_x, settings.num_w_z, settings.steps, settings.time_step
+    margin, comfort, horizon = settings.margin, settings.comfort, settings.horizon
+    start_x, start_y, start_cos, start_sin = start
+    goal_x, goal_y, is_final = target
+    v_min, v_max, w_min, w_max = limits
+    clearance_now = clearance_at(field, discs, start_x, start_y, start_cos, start_sin) - margin
+    vs = np.empty(num_v)
+    for a in range(num_v):
+        vs[a] = v_min + (v_max - v_min) * a / (num_v - 1)
+    ws = np.empty(num_w + 1)
+    # Of each yaw rate: cosine and sine of the heading in the middle and at the end of each step.
+    headings = np.empty((num_w + 1, steps, 4))
+    xs, ys, nearest_of = np.empty(num_v), np.empty(num_v), np.empty(num_v)
+    bounds = np.empty((num_w + 1) * num_v)
+    first = 0
     for b in range(num_w + 1):
         # The last one: straight ahead, which the even spacing may miss.
         w = w_min + (w_max - w_min) * b / (num_w - 1) if b < num_w else min(max(0.0, w_min), w_max)
+        ws[b] = w
         half_cos, half_sin = math.cos(0.5 * w * dt), math.sin(0.5 * w * dt)
+        c, s = start_cos, start_sin
+        xs[:], ys[:] = start_x, start_y
+        nearest_of[:] = (goal_x - start_x) ** 2 + (goal_y - start_y) ** 2
+        for step in range(steps):
+            c, s = c * half_cos - s * half_sin, s * half_cos + c * half_sin
+            headings[b, step, 0], headings[b, step, 1] = c, s
+            for a in range(num_v):
+                xs[a] += vs[a] * c * dt
+                ys[a] += vs[a] * s * dt
+                nearest_of[a] = min(nearest_of[a], (goal_x - xs[a]) ** 2 + (goal_y - ys[a]) ** 2)
+            c, s = c * half_cos - s * half_sin, s * half_cos + c * half_sin
+            headings[b, step, 2], headings[b, step, 3] = c, s
         for a in range(num_v):
-            v = v_min + (v_max - v_min) * a / (num_v - 1)
-            x, y = start_x, start_y
-            c, s = start_cos, start_sin  # of the heading
-            least = 1e9
-            nearest = (goal_x - x) ** 2 + (goal_y - y) ** 2
-            free = horizon
-            for step in range(steps):
-                c, s = c * half_cos - s * half_sin, s * half_cos + c * half_sin
-                x += v * c * dt
-                y += v * s * dt
-                c, s = c * half_cos - s * half_sin, s * half_cos + c * half_sin
-                room = clearance_at(field, discs, x, y, c, s) - margin
-                # From too near an obstacle one may still move away from it.
-                if room < 0.0 and room <= room_now + 1e-3 * step:
-                    free = step * dt
-                    break
-                least = min(least, room)
-                nearest = min(nearest, (goal_x - x) ** 2 + (goal_y - y) ** 2)
-            if free < horizon:
-                if abs(v) < 1e-6 and room_now >= 0.0:
-                    continue
-                if abs(v) * free < v * v / (2.0 * max_a) + brake_margin:
-                    continue
-                least = 0.0
-            away = math.sqrt(nearest) if is_final else math.hypot(goal_x - x, goal_y - y)
-            # Angle between the heading at the end and the direction to the waypoint.
+            x, y, least_away = xs[a], ys[a], math.sqrt(nearest_of[a])
+            away = least_away if is_final else math.hypot(goal_x - x, goal_y - y)
             off = abs(math.atan2(c * (goal_y - y) - s * (goal_x - x), c * (goal_x - x) + s * (goal_y - y)))
-            near = max(0.0, (comfort - max(least, 0.0)) / comfort)
-            cost = (
-                away
-                + heading_weight * off * min(1.0, away)
-                + comfort_weight * near * near
-                + turn_weight * abs(w - last_w)
-                + backward_weight * max(0.0, -v) * horizon
-            )
-            if cost < best_cost:
-                best_cost, best_v, best_w, found = cost, v, w, True
-    return best_v, best_w, found
+            # One that is cut short ends somewhere on its way, and pays for touching.
+            whole = away + settings.heading_weight * off * min(1.0, away)
+            bound = min(whole, least_away + settings.comfort_weight) - ROUNDING
+            bound += settings.turn_weight * abs(w - last_w) + settings.backward_weight * max(0.0, -vs[a]) * horizon
+            bounds[b * num_v + a] = bound
+            if bound < bounds[first]:
+                first = b * num_v + a
+    best_cost, best, best_v, best_w = 1e30, -1, 0.0, 0.0
+    for turn in range(-1, len(bounds)):
+        index = first if turn < 0 else turn
+        if turn == first or bounds[index] > best_cost:
+            continue
+        b, a = index // num_v, index % num_v
+        v, w = vs[a], ws[b]
+        x, y, c, s = start_x, start_y, start_cos, start_sin
+        least = 1e9
+        nearest = (goal_x - x) ** 2 + (goal_y - y) ** 2
+        free = horizon
+        for step in range(steps):
+            x += v * headings[b, step, 0] * dt
+            y += v * headings[b, step, 1] * dt
+            c, s = headings[b, step, 2], headings[b, step, 3]
+            clearance = clearance_at(field, discs, x, y, c, s) - margin
+            # From too near an obstacle one may still move away from it.
+            if clearance < 0.0 and clearance <= clearance_now + 1e-3 * step:
+                free = step * dt
+                break
+            least = min(least, clearance)
+            nearest = min(nearest, (goal_x - x) ** 2 + (goal_y - y) ** 2)
+        if free < horizon:
+            if abs(v) < 1e-6 and clearance_now >= 0.0:
+                continue
+            if abs(v) * free < v * v / (2.0 * settings.max_a_x) + settings.brake_margin:
+                continue
+            least = 0.0
+        away = math.sqrt(nearest) if is_final else math.hypot(goal_x - x, goal_y - y)
+        # Angle between the heading at the end and the direction to the waypoint.
+        off = abs(math.atan2(c * (goal_y - y) - s * (goal_x - x), c * (goal_x - x) + s * (goal_y - y)))
+        near = max(0.0, (comfort - max(least, 0.0)) / comfort)
+        cost = (
+            away
+            + settings.heading_weight * off * min(1.0, away)
+            + settings.comfort_weight * near * near
+            + settings.turn_weight * abs(w - last_w)
+            + settings.backward_weight * max(0.0, -v) * horizon
+        )
+        if cost < best_cost or (cost == best_cost and index < best):
+            best_cost, best, best_v, best_w = cost, index, v, w
+    return best_v, best_w, best >= 0
 
 
 @njit(cache=True)
-def _clearest(
-    field, discs, centre, enough, start_x, start_y, start_cos, start_sin, last, speed, v_min,
-    v_y_max, w_max, horizon, dt,
-):  # fmt: skip
-    """Slow velocity that leads the body's centre farthest from all returns without leading its outline nearer.
+def _clearest(field, discs, centre, settings, start, last):
+    """Find the slow velocity that leads the body's centre farthest from all returns, its outline no nearer to them.
 
-    Distances of the centre beyond ``enough`` count as that much. Sixteen directions, each with and without turning;
-    to stand is one choice more.
+    Sixteen directions, each with and without turning; to stand is one choice more.
+
+    Args:
+        field: Distances to what the scan shows.
+        discs: (k, 3) the body.
+        centre: (1, 3) its centre, a disc of no radius.
+        settings: The way out's.
+        start: x, y, cosine and sine of the yaw in base_link, where trajectories begin [m].
+        last: v_x, v_y, w_z that were asked for last.
     """
+    dt = settings.time_step
+    start_x, start_y, start_cos, start_sin = start
     now = clearance_at(field, discs, start_x, start_y, start_cos, start_sin)
-    steps = int(round(horizon / dt))
     best = -1e30
     best_x, best_y, best_w = 0.0, 0.0, 0.0
     for k in range(17):
-        v_x = speed * math.cos(0.125 * math.pi * k) if k < 16 else 0.0
-        v_y = speed * math.sin(0.125 * math.pi * k) if k < 16 else 0.0
-        if v_x < v_min - 1e-9 or abs(v_y) > v_y_max + 1e-9:
+        v_x = settings.speed * math.cos(0.125 * math.pi * k) if k < 16 else 0.0
+        v_y = settings.speed * math.sin(0.125 * math.pi * k) if k < 16 else 0.0
+        if v_x < settings.min_v_x - 1e-9 or abs(v_y) > settings.max_v_y + 1e-9:
             continue
         for turn in range(-1, 2):
-            w = turn * w_max
+            w = turn * settings.w_z
             x, y, c, s = start_x, start_y, start_cos, start_sin
             half_cos, half_sin = math.cos(0.5 * w * dt), math.sin(0.5 * w * dt)
             least = now
-            for _ in range(steps):
+            for _ in range(settings.steps):
                 c, s = c * half_cos - s * half_sin, s * half_cos + c * half_sin
                 x += (v_x * c - v_y * s) * dt
                 y += (v_x * s + v_y * c) * dt
                 c, s = c * half_cos - s * half_sin, s * half_cos + c * half_sin
                 least = min(least, clearance_at(field, discs, x, y, c, s))
-            gain = min(clearance_at(field, centre, x, y, 1.0, 0.0), enough)
-            # Nearer than now counts four times what it gains where it is tight, and nothing from a cell of room on.
+            gain = min(clearance_at(field, centre, x, y, 1.0, 0.0), settings.enough)
+            # Nearer than now counts four times what it gains where it is tight, and nothing from a cell's clearance on.
             loss = max(0.0, min(now, field.resolution) - least)
             # Two centimetres, the range noise, for going the other way: it must not waver between equally good ways.
             change = abs(v_x - last[0]) + abs(v_y - last[1]) + 0.1 * abs(w - last[2])
