@@ -202,7 +202,7 @@ class DynamicWindow(LocalPolicy):
             ),
             self._last.w_z,
         )
-        return VelocityCommand(v_x, 0.0, w_z) if admissible else None
+        return VelocityCommand(float(v_x), 0.0, float(w_z)) if admissible else None
 
     def _clearance_to_turn(self, field: DistanceField, start: Pose2) -> float:
         """Clearance that is left when the body turns on the spot once round [m]."""
