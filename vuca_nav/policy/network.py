@@ -1,7 +1,8 @@
-"""Gate and experts of a local policy (Section III-B), evaluated without torch."""
+"""Gate and experts of a local policy (Zhang et al., Section III-B), evaluated without torch."""
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -13,15 +14,41 @@ from vuca_nav.types import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Gate:
-    """Who decides on the experts' shares: the trained gate, or for analyses something simpler."""
+    """What decides on the experts' shares: the trained gate, or for analyses something simpler."""
 
     uniform: bool = False
     """Every expert has the same share."""
     without: int | None = None
-    """This expert has none, by its number from 1 on; the others' shares add up to 1 again."""
+    """The expert of this number, counted from 1, has no share; the others' shares add up to 1 again."""
 
 
 LEARNED_GATE, UNIFORM_GATE = Gate(), Gate(uniform=True)
+
+
+class Actor(NamedTuple):
+    """What the kernel needs of a policy: x inputs, E experts of three layers, a gate of three layers."""
+
+    mean: np.ndarray
+    """(x,) subtracted from the observation."""
+    scale: np.ndarray
+    """(x,) then multiplied by."""
+    weights: tuple[np.ndarray, np.ndarray, np.ndarray]
+    """(E, inputs, outputs) of each layer. They are transposed: the kernels add up columns, which vectorises without
+    reordering a sum."""
+    biases: tuple[np.ndarray, np.ndarray, np.ndarray]
+    """(E, outputs) of each layer."""
+    gate_weights: tuple[np.ndarray, np.ndarray, np.ndarray]
+    """(inputs, outputs) of each layer of the gate."""
+    gate_biases: tuple[np.ndarray, np.ndarray, np.ndarray]
+    """(outputs,) of each layer of the gate."""
+    elu: bool
+    """Layers are followed by ELU, else by ReLU; the gate's always by ReLU."""
+    gated: bool
+    """Shares are the gate's, else those that stand in ``shares``."""
+    kept: np.ndarray
+    """(E,) bool, experts that may have a share."""
+    shares: np.ndarray
+    """(E,) of the last action; written to."""
 
 
 @dataclass(slots=True)
@@ -36,10 +63,14 @@ class PolicyNetwork:
     gate: Gate = LEARNED_GATE
     shares: FloatArray = field(init=False)
     """(E,) the experts' shares of the last action; they add up to 1."""
-    _actor: tuple = field(init=False)
+    _actor: Actor = field(init=False)
 
     def __post_init__(self) -> None:
-        """Raises BadArgument if there is no such expert to leave out."""
+        """Arrange the weights for the kernel.
+
+        Raises:
+            BadArgument: If there is no such expert to leave out.
+        """
         w, experts = self.weights, self.weights.experts
         if self.gate.without is not None and not (1 <= self.gate.without <= experts and experts > 1):
             raise BadArgument(
@@ -51,31 +82,29 @@ class PolicyNetwork:
         if self.gate.without is not None:
             kept[self.gate.without - 1] = False
             self.shares = kept / kept.sum()
-        elu = w.activation == "elu"
-        # Transposed: the kernels add up columns, which vectorises without reordering a sum.
         gate = list(zip(w.gate_weights, w.gate_biases))
         if len(gate) == 2:  # one kernel for both depths: a layer that changes nothing
             units = len(gate[0][1])
             gate.insert(1, (np.eye(units, dtype=np.float32), np.zeros(units, np.float32)))
         if not gate:
             gate = [(np.zeros((1, size), np.float32), np.zeros(1, np.float32)) for size in (len(w.mean), 1, 1)]
-        self._actor = (
+        (w0, w1, w2), (b0, b1, b2) = w.weights, w.biases
+        (gate_w0, gate_b0), (gate_w1, gate_b1), (gate_w2, gate_b2) = gate
+        self._actor = Actor(
             w.mean,
             w.scale,
-            *(np.ascontiguousarray(weight.transpose(0, 2, 1)) for weight in w.weights),
-            *w.biases,
-            *(np.ascontiguousarray(weight.T) for weight, _ in gate),
-            *(bias for _, bias in gate),
-            elu,
+            (_inputs_first(w0), _inputs_first(w1), _inputs_first(w2)),
+            (b0, b1, b2),
+            (_inputs_first(gate_w0), _inputs_first(gate_w1), _inputs_first(gate_w2)),
+            (gate_b0, gate_b1, gate_b2),
+            w.activation == "elu",
             experts > 1 and not self.gate.uniform,
             kept,
             self.shares,
-            *(np.empty(size, np.float32) for size in (len(w.mean), *(bias.shape[-1] for bias in w.biases))),
-            *(np.empty(len(bias), np.float32) for _, bias in gate),
         )
 
     def act(self, observation: Single, action: FloatArray) -> bool:
-        """The mean action for an observation.
+        """Compute the mean action for an observation.
 
         Args:
             observation: (x,)
@@ -84,30 +113,33 @@ class PolicyNetwork:
         Returns:
             Whether all that goes in and comes out is finite.
         """
-        return _act(observation, action, *self._actor)
+        return _act(observation, action, self._actor)
+
+
+def _inputs_first(weight: Single) -> Single:
+    return np.ascontiguousarray(np.swapaxes(weight, -1, -2))
 
 
 @njit(cache=True, nogil=True)
-def _act(
-    observation, action, mean, scale, w0, w1, w2, b0, b1, b2, gw0, gw1, gw2, gb0, gb1, gb2, elu, gated, kept, shares,
-    x, h0, h1, h2, g0, g1, g2,
-):  # fmt: skip
+def _act(observation, action, actor):
+    weights, biases, shares = actor.weights, actor.biases, actor.shares
+    x = np.empty(len(observation), np.float32)
     for i in range(len(observation)):
         if not math.isfinite(observation[i]):
             return False
-        x[i] = (observation[i] - mean[i]) * scale[i]
-    if gated:
-        _layer(x, gw0, gb0, g0)
+        x[i] = (observation[i] - actor.mean[i]) * actor.scale[i]
+    if actor.gated:
+        g0 = _layer(x, actor.gate_weights[0], actor.gate_biases[0])
         _activate(g0, False)
-        _layer(g0, gw1, gb1, g1)
+        g1 = _layer(g0, actor.gate_weights[1], actor.gate_biases[1])
         _activate(g1, False)
-        _layer(g1, gw2, gb2, g2)
-        _softmax(g2, kept, shares)
-    _fused_layer(x, w0, b0, shares, h0)
-    _activate(h0, elu)
-    _fused_layer(h0, w1, b1, shares, h1)
-    _activate(h1, elu)
-    _fused_layer(h1, w2, b2, shares, h2)
+        g2 = _layer(g1, actor.gate_weights[2], actor.gate_biases[2])
+        _softmax(g2, actor.kept, shares)
+    h0 = _fused_layer(x, weights[0], biases[0], shares)
+    _activate(h0, actor.elu)
+    h1 = _fused_layer(h0, weights[1], biases[1], shares)
+    _activate(h1, actor.elu)
+    h2 = _fused_layer(h1, weights[2], biases[2], shares)
     for i in range(len(h2)):
         if not math.isfinite(h2[i]):
             return False
@@ -118,7 +150,7 @@ def _act(
 
 @njit(cache=True, nogil=True)
 def _softmax(logits, kept, shares):
-    """Among those that are kept."""
+    """Shares of the experts that are kept, by the gate's logits."""
     greatest = -np.inf
     for k in range(len(logits)):
         if kept[k]:
@@ -132,9 +164,9 @@ def _softmax(logits, kept, shares):
 
 
 @njit(cache=True, nogil=True)
-def _fused_layer(x, weights, bias, shares, out):
-    """``sum_n a_n (W_n x + b_n)``."""
-    out[:] = 0.0
+def _fused_layer(x, weights, bias, shares):
+    """``sum_n a_n (W_n x + b_n)``, (outputs,)."""
+    out = np.zeros(bias.shape[1], np.float32)
     for n in range(len(shares)):
         share = np.float32(shares[n])
         if share == 0.0:
@@ -146,16 +178,19 @@ def _fused_layer(x, weights, bias, shares, out):
             if scaled != 0.0:  # half of what ReLU leaves
                 for j in range(len(out)):
                     out[j] += weights[n, i, j] * scaled
+    return out
 
 
 @njit(cache=True, nogil=True)
-def _layer(x, weights, bias, out):
-    out[:] = bias
+def _layer(x, weights, bias):
+    """``W x + b``, (outputs,)."""
+    out = bias.copy()
     for i in range(len(x)):
         xi = x[i]
         if xi != 0.0:
             for j in range(len(out)):
                 out[j] += weights[i, j] * xi
+    return out
 
 
 @njit(cache=True, nogil=True)
