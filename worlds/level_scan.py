@@ -6,6 +6,7 @@ tried on what it cannot hit, and the loops over beams are straight ones that the
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -14,7 +15,29 @@ from vuca_nav.types import FloatArray
 from worlds.arrays import ShapeArrays
 
 LEVEL_COLUMNS = 10
-"""Of a shape for ``cast_level``: x, y, cos, sin, half length, half width, is a cylinder, bounding radius, z0, z1."""
+"""Columns of a shape for ``cast_level``, in the order of the names below."""
+SHAPE_X, SHAPE_Y, SHAPE_COS, SHAPE_SIN, HALF_LENGTH, HALF_WIDTH, IS_CYLINDER, BOUND, LOWER, UPPER = range(LEVEL_COLUMNS)
+"""Centre, direction, half sizes, kind, bounding radius, and the heights it reaches from and to."""
+
+
+class Standing(NamedTuple):
+    """What stands still in all layouts, one layout after the other."""
+
+    shapes: np.ndarray
+    """(s, LEVEL_COLUMNS)"""
+    first: np.ndarray
+    """Where a layout's shapes begin, and where the last one's end, (layouts + 1,)."""
+
+
+class MovingParts(NamedTuple):
+    """The movers' parts in n worlds."""
+
+    shapes: np.ndarray
+    """(n, p, LEVEL_COLUMNS); their poses are taken from ``poses``."""
+    poses: np.ndarray
+    """x, y, cos, sin in the world, (n, p, 4) [m]."""
+    count: np.ndarray
+    """How many of them there are, (n,)."""
 
 
 def level_columns(shapes: ShapeArrays) -> FloatArray:
@@ -25,7 +48,7 @@ def level_columns(shapes: ShapeArrays) -> FloatArray:
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def cast_level(rows, poses, heights, static, layout, first, parts, part_poses, num_parts, beams, max_range, ranges):
+def cast_level(rows, poses, heights, layout, standing, parts, beams, max_range, ranges):
     """Scans of level lidars, each in a world of its own.
 
     A beam that starts inside a shape returns the way out.
@@ -34,12 +57,9 @@ def cast_level(rows, poses, heights, static, layout, first, parts, part_poses, n
         rows: Which rows to cast, (k,).
         poses: x, y, yaw of the lidars, (n, 3) [m, rad].
         heights: Of their planes above the floor, (n,) [m].
-        static: Columns of what stands still in all layouts, one layout after the other, (s, LEVEL_COLUMNS).
         layout: Of each row, (n,).
-        first: Where a layout's shapes begin in ``static``, and where the last one's end, (layouts + 1,).
-        parts: Columns of the movers' parts, (n, p, LEVEL_COLUMNS); their poses are taken from ``part_poses``.
-        part_poses: x, y, cos, sin in the world, (n, p, 4) [m].
-        num_parts: How many of them there are, (n,).
+        standing: A ``Standing``.
+        parts: A ``MovingParts``.
         beams: cos, sin of the beams in the lidar's frame, (2, num_beams); the first at -pi, evenly spaced.
         max_range: [m]
         ranges: Output (n, num_beams), ``inf`` beyond the maximum range [m].
@@ -55,32 +75,41 @@ def cast_level(rows, poses, heights, static, layout, first, parts, part_poses, n
             direction[0, k] = cos * beams[0, k] - sin * beams[1, k]
             direction[1, k] = sin * beams[0, k] + cos * beams[1, k]
             out[k] = max_range
-        for s in range(first[layout[i]], first[layout[i] + 1]):
-            row = static[s]
-            if row[8] <= height <= row[9]:
-                _see(
-                    ox - row[0], oy - row[1], row[2], row[3], row[4], row[5], row[6] != 0.0, row[7],
-                    cos, sin, direction, max_range, out,
-                )  # fmt: skip
-        for p in range(num_parts[i]):
-            row = parts[i, p]
-            if row[8] <= height <= row[9]:
-                px, py, reach = ox - part_poses[i, p, 0], oy - part_poses[i, p, 1], max_range + row[7]
+        base = (cos, sin)
+        for s in range(standing.first[layout[i]], standing.first[layout[i] + 1]):
+            row = standing.shapes[s]
+            if row[LOWER] <= height <= row[UPPER]:
+                place = (ox - row[SHAPE_X], oy - row[SHAPE_Y], row[SHAPE_COS], row[SHAPE_SIN])
+                _see(place, row, base, direction, max_range, out)
+        for p in range(parts.count[i]):
+            row = parts.shapes[i, p]
+            if row[LOWER] <= height <= row[UPPER]:
+                pose = parts.poses[i, p]
+                px, py, reach = ox - pose[0], oy - pose[1], max_range + row[BOUND]
                 if px * px + py * py >= reach * reach:
                     continue
-                _see(
-                    px, py, part_poses[i, p, 2], part_poses[i, p, 3], row[4], row[5], row[6] != 0.0, row[7],
-                    cos, sin, direction, max_range, out,
-                )  # fmt: skip
+                _see((px, py, pose[2], pose[3]), row, base, direction, max_range, out)
         for k in range(num_beams):
             if out[k] >= max_range:
                 out[k] = math.inf
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _see(px, py, cos, sin, hx, hy, is_cylinder, bound, base_cos, base_sin, direction, max_range, out):
-    """Shorten the beams that meet one shape. px, py: from the shape's centre to the lidar."""
-    reach = max_range + bound
+def _see(place, row, base, direction, max_range, out):
+    """Shorten the beams that meet one shape.
+
+    Args:
+        place: x, y from the shape's centre to the lidar, cos, sin of the shape.
+        row: Of the shape, (LEVEL_COLUMNS,).
+        base: cos, sin of the lidar.
+        direction: Of the beams in the world, (2, num_beams).
+        max_range: [m]
+        out: Ranges, shortened, (num_beams,).
+    """
+    px, py, cos, sin = place
+    base_cos, base_sin = base
+    hx, hy, is_cylinder = row[HALF_LENGTH], row[HALF_WIDTH], row[IS_CYLINDER] != 0.0
+    reach = max_range + row[BOUND]
     if px * px + py * py >= reach * reach:
         return
     num_beams = len(out)

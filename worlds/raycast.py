@@ -9,6 +9,7 @@ A beam that starts inside a shape returns the way out, as MuJoCo's ray casting d
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -25,6 +26,24 @@ _MIN_PROJECTION = 0.1
 """Below this determinant the scan plane stands nearly upright (tilt above 84 degrees) and every beam tries all."""
 
 
+class _Caster(NamedTuple):
+    """What a caster keeps from scan to scan."""
+
+    shapes: np.ndarray
+    """What stands still, then the movers' parts, (s, _COLUMNS)."""
+    num_static: int
+    beams: np.ndarray
+    """cos, sin in the lidar's frame, (num_beams, 2)."""
+    max_range: float
+    """[m]"""
+    directions: np.ndarray
+    """Scratch: of the beams in the world, (num_beams, 3)."""
+    near: np.ndarray
+    """Scratch: see ``_sort_by_distance``, (s, 3)."""
+    order: np.ndarray
+    """Scratch: see ``_sort_by_distance``, (2, s + _BINS + 1)."""
+
+
 class RayCaster:
     """Casts all beams of a lidar into a world.
 
@@ -35,14 +54,13 @@ class RayCaster:
     """
 
     def __init__(self, static: ShapeArrays, part_shapes: ShapeArrays, lidar: LidarSpec):
-        self._shapes = np.concatenate([_packed(static), _packed(part_shapes)])
-        self._num_static = len(static)
+        shapes = np.concatenate([_packed(static), _packed(part_shapes)])
         angles = lidar.angles_in_base()
-        self._beams = np.column_stack([np.cos(angles), np.sin(angles)])
-        self._max_range = lidar.max_range
-        self._directions = np.empty((lidar.num_beams, 3))
-        self._near = np.empty((len(self._shapes), 3))
-        self._order = np.empty((2, len(self._shapes) + _BINS + 1), np.int64)
+        self._caster = _Caster(
+            shapes, len(static), np.column_stack([np.cos(angles), np.sin(angles)]), lidar.max_range,
+            np.empty((lidar.num_beams, 3)), np.empty((len(shapes), 3)),
+            np.empty((2, len(shapes) + _BINS + 1), np.int64),
+        )  # fmt: skip
 
     def cast(
         self, origin: FloatArray, world_from_lidar: FloatArray, part_poses: FloatArray, ranges: FloatArray
@@ -55,19 +73,7 @@ class RayCaster:
             part_poses: x, y, yaw of each part's centre in the world, (num_parts, 3).
             ranges: Output, (num_beams,) [m].
         """
-        _cast(
-            self._shapes,
-            self._num_static,
-            part_poses,
-            self._beams,
-            origin,
-            world_from_lidar,
-            self._max_range,
-            self._directions,
-            self._near,
-            self._order,
-            ranges,
-        )
+        _cast(self._caster, part_poses, origin, world_from_lidar, ranges)
 
 
 def _packed(shapes: ShapeArrays) -> FloatArray:
@@ -82,7 +88,8 @@ def _packed(shapes: ShapeArrays) -> FloatArray:
 
 
 @njit(cache=True, error_model="numpy")
-def _cast(shapes, num_static, part_poses, beams, origin, rotation, max_range, directions, near, order, ranges):
+def _cast(caster, part_poses, origin, rotation, ranges):
+    shapes, num_static, beams, max_range, directions, near, order = caster
     ox, oy, oz = origin[0], origin[1], origin[2]
     num_beams = len(beams)
     for i in range(len(part_poses)):

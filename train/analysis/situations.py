@@ -5,16 +5,19 @@ leaves the least time comes first, and then what leaves the fewest ways.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from train.arena.arena import Arena
+from train.arena.bodies import LIDAR_HEIGHT
 from vuca_nav.footprint import outline_ranges
+from vuca_nav.policy.track_features import time_to_meeting
 from vuca_nav.task import NEAR_RANGE
 from vuca_nav.types import FloatArray, LidarSpec
-from worlds.level_scan import cast_level
+from worlds.level_scan import MovingParts, Standing, cast_level
 from worlds.motion.mover_columns import RADIUS, V_X, V_Y, X, Y
 
 SITUATIONS = ("open floor", "tight passage", "sudden mover", "dead end", "known mover", "other")
@@ -56,45 +59,47 @@ DEFINITIONS = {
 """In words; where several fit, it is the first by PRECEDENCE."""
 
 
-@njit(cache=True, nogil=True)
-def time_to_meeting(x, y, v_x, v_y, reach):
-    """When a point at (x, y) that moves at (v_x, v_y) comes within ``reach`` of the origin, ``inf`` if never [s]."""
-    gap, approach = x * x + y * y - reach * reach, x * v_x + y * v_y
-    if approach >= 0.0:  # never nearer than now
-        return math.inf
-    if gap <= 0.0:
-        return 0.0
-    square = v_x * v_x + v_y * v_y
-    root = approach * approach - square * gap
-    if root <= 0.0:
-        return math.inf
-    return (-approach - math.sqrt(root)) / square
+class Sight(NamedTuple):
+    """What stands around n robots, along beams of which the first is at -pi, evenly spaced."""
+
+    standing: np.ndarray
+    """Ranges to what stands, (n, num_beams) [m]."""
+    outline: np.ndarray
+    """Of the footprint along each beam, (n, num_beams) [m]."""
+
+
+class Threats(NamedTuple):
+    """Movers that threaten n robots, at most m each."""
+
+    age: np.ndarray
+    """State: how long each mover has been a threat, (n, m) [s]."""
+    calm: np.ndarray
+    """State: how long ago it last was one, (n, m) [s]; ``inf`` at first."""
+    sudden: np.ndarray
+    """Output: whether one was no threat a while ago, (n,)."""
+    threatened: np.ndarray
+    """Output: whether there is one, (n,)."""
+    gap: np.ndarray
+    """Output: from the footprint to the nearest mover's circle, 0 inside, ``inf`` if there is none, (n,) [m]."""
 
 
 @njit(cache=True, nogil=True)
-def follow_threats(
-    rows, period, pose, velocity, radius, counts, movers, constants, standing, outline, age, calm, sudden, threatened,
-    gap,
-):  # fmt: skip
+def follow_threats(rows, period, robots, radius, movers, sight, threats):
     """Which robots are threatened by a mover, and which by one that was no threat a while ago.
 
     Args:
         rows: Which, (k,).
         period: Since the last call [s].
-        pose: x, y, yaw in the world, (n, 3).
-        velocity: In base_link, (n, 3).
+        robots: A ``train.arena.rows.Robots``.
         radius: Mean of the footprint, as the policy's tracks take it, (n,) [m].
-        counts: Movers of each, (n,).
-        movers: (n, m, STATE_SIZE).
-        constants: (n, m, 5).
-        standing: Ranges to what stands, (n, num_beams); the first beam at -pi, evenly spaced [m].
-        outline: Of the footprint along each beam, (n, num_beams) [m].
-        age: State: how long each mover has been a threat, (n, m) [s].
-        calm: State: how long ago it last was one, (n, m) [s]; ``inf`` at first.
-        sudden: Output, (n,).
-        threatened: Output, (n,).
-        gap: Output: from the footprint to the nearest mover's circle, 0 inside, ``inf`` if there is none, (n,) [m].
+        movers: A ``MoverRows``.
+        sight: A ``Sight``.
+        threats: ``Threats``; changed.
     """
+    pose, velocity = robots.pose, robots.velocity
+    standing, outline = sight
+    counts, constants, state = movers.counts, movers.constants, movers.state
+    age, calm, sudden, threatened, gap = threats
     num_beams = standing.shape[1]
     for r in range(len(rows)):
         i = rows[r]
@@ -103,14 +108,14 @@ def follow_threats(
         own_y = sin * velocity[i, 0] + cos * velocity[i, 1]
         sudden[i], threatened[i], gap[i] = False, False, math.inf
         for m in range(counts[i]):
-            x, y = movers[i, m, X] - pose[i, 0], movers[i, m, Y] - pose[i, 1]
+            x, y = state[i, m, X] - pose[i, 0], state[i, m, Y] - pose[i, 1]
             size, away = constants[i, m, RADIUS], math.hypot(x, y)
             bearing = math.atan2(cos * y - sin * x, cos * x + sin * y)
             beam = int(round((bearing + math.pi) / (2.0 * math.pi) * num_beams)) % num_beams
             gap[i] = min(gap[i], max(away - size - outline[i, beam], 0.0))
             in_sight = standing[i, beam] >= away - size
             reach = radius[i] + size
-            meets = time_to_meeting(x, y, movers[i, m, V_X] - own_x, movers[i, m, V_Y] - own_y, reach) < MEETING
+            meets = time_to_meeting(x, y, state[i, m, V_X] - own_x, state[i, m, V_Y] - own_y, reach) < MEETING
             calm[i, m] += period
             age[i, m] += period
             if in_sight and meets:
@@ -122,21 +127,25 @@ def follow_threats(
 
 
 @njit(cache=True, nogil=True)
-def label_situations(rows, beams, standing, outline, half_width, front, sudden, threatened, gap, label):
+def label_situations(rows, beams, sight, half_width, front, threats, label):
     """The situation of each of these rows.
 
     Args:
         rows: Which, (k,).
         beams: cos, sin in base_link, (2, num_beams); the first at -pi, evenly spaced.
-        standing: Ranges to what stands, ``inf`` where nothing does, (n, num_beams) [m].
-        outline: Of the footprint along each beam, (n, num_beams) [m].
+        sight: A ``Sight``.
         half_width: Of the footprint to the side, (n,) [m].
         front: From base_link to the footprint's foremost point, (n,) [m].
-        sudden: (n,).
-        threatened: (n,).
-        gap: To the nearest mover, (n,) [m].
+        threats: ``Threats``.
         label: Output, indices into ``SITUATIONS``, (n,).
     """
+    standing, outline, sudden, threatened, gap = (
+        sight.standing,
+        sight.outline,
+        threats.sudden,
+        threats.threatened,
+        threats.gap,
+    )
     num_beams = beams.shape[1]
     side = math.sin(math.pi / 2.0 - BESIDE) - 1e-9
     for r in range(len(rows)):
@@ -209,33 +218,30 @@ class ArenaSituations:
         self._reach = LidarSpec().max_range
         bodies, body = arena.bodies, self._shard.rows.body
         outlines = np.stack([outline_ranges(each.spec.footprint, beams) for each in bodies.bodies])
-        self._outline, self._heights = outlines[body], bodies.shape[body, 1]
-        self._radius = self._outline.mean(axis=1)
+        self._sight = Sight(np.zeros((n, beams)), outlines[body])
+        self._heights, self._radius = bodies.shape[body, LIDAR_HEIGHT], self._sight.outline.mean(axis=1)
         sizes = [(np.abs(each.spec.footprint[:, 1]).max(), each.spec.footprint[:, 0].max()) for each in bodies.bodies]
         self._half_width, self._front = np.ascontiguousarray(np.array(sizes)[body].T)
-        self._standing = np.zeros((n, beams))
-        self._no_parts, self._no_poses = np.zeros(n, np.int64), np.zeros((n, 1, 4))
-        movers = self._shard.rows.movers.shape[1]
-        self._age, self._calm = np.zeros((n, movers)), np.full((n, movers), math.inf)
-        self._sudden, self._threatened = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
-        self._gap = np.zeros(n)
+        state, bank = self._shard.rows, self._shard.bank
+        self._layouts = Standing(bank.static, bank.first)
+        self._no_parts = MovingParts(state.parts, np.zeros((n, 1, 4)), np.zeros(n, np.int64))
+        self._robots, self._movers = state.robots(), state.mover_rows()
+        movers = state.movers.shape[1]
+        self._threats = Threats(
+            np.zeros((n, movers)), np.full((n, movers), math.inf), np.zeros(n, np.bool_), np.zeros(n, np.bool_),
+            np.zeros(n),
+        )  # fmt: skip
         self.label = np.full(n, OTHER)
 
     def look(self, rows: NDArray[np.int64]) -> None:
         """Label these rows as they are now; once before each decision."""
-        state, bank = self._shard.rows, self._shard.bank
+        state, sight = self._shard.rows, self._sight
         cast_level(
-            rows, state.pose, self._heights, bank.static, state.layout, bank.first, state.parts, self._no_poses,
-            self._no_parts, self._beams, self._reach, self._standing,
+            rows, state.pose, self._heights, state.layout, self._layouts, self._no_parts, self._beams, self._reach,
+            sight.standing,
         )  # fmt: skip
-        follow_threats(
-            rows, self._period, state.pose, state.velocity, self._radius, state.counts, state.movers, state.constants,
-            self._standing, self._outline, self._age, self._calm, self._sudden, self._threatened, self._gap,
-        )  # fmt: skip
-        label_situations(
-            rows, self._beams, self._standing, self._outline, self._half_width, self._front, self._sudden,
-            self._threatened, self._gap, self.label,
-        )  # fmt: skip
+        follow_threats(rows, self._period, self._robots, self._radius, self._movers, sight, self._threats)
+        label_situations(rows, self._beams, sight, self._half_width, self._front, self._threats, self.label)
 
     def movers_in_base(self, row: int) -> FloatArray:
         """The movers of a row: x, y, v_x, v_y, radius, in base_link's present frame over the ground, (m, 5)."""

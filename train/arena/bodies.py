@@ -29,6 +29,10 @@ WHEEL_SPEED = WHEEL_RADIUS * WHEEL_MAX_SPEED
 """TIAGo's, at the rim [m/s]."""
 GAIN, LAG, DELAY, NOISE = range(4)
 """Columns of a body's response."""
+RADIUS, LIDAR_HEIGHT, HEIGHT_OVER_ALL, WHEEL_ARM = range(4)
+"""Columns of a body's shape."""
+LOWEST, HIGHEST, ACCELERATION = range(3)
+"""Columns of a body's limits."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,10 +4,13 @@ Each takes the rows it works on and touches no others; every row has a random st
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
+from train.arena.bodies import ACCELERATION as BODY_ACCELERATION
+from train.arena.bodies import HIGHEST, RADIUS
 from train.arena.rows import (
     ACCELERATION,
     DELAY,
@@ -23,28 +26,129 @@ from train.arena.rows import (
     START_Y,
     TURN_ODOMETRY,
 )
+from worlds.splitmix import next_uniform
 
-NUM_UNIFORM = 21
+_NUM_UNIFORM = 21
 """Numbers that a new episode takes."""
+_WORD = 9007199254740992.0
+"""2^53: a number in [0, 1) times this is a seed."""
+_MOST_GAIN_SPREAD = 0.1
+"""A body's gain is spread by no more than this: it is what identification is surest of."""
+
+
+class EpisodeSettings(NamedTuple):
+    """What episodes are drawn from."""
+
+    shares: np.ndarray
+    """Of the kinds of worlds, (kinds,)."""
+    body_shares: np.ndarray
+    """Of the kinds of bodies."""
+    has_movers: np.ndarray
+    """Which kinds of worlds have movers, (kinds,)."""
+    movers: tuple[int, int]
+    """Fewest and most."""
+    mover_speeds: tuple[float, float]
+    """Slowest and fastest, over the body's greatest."""
+    latency: tuple[int, int]
+    """Shortest and longest [ticks]."""
+    time_factor: float
+    """Of the shortest way's time ..."""
+    time_slack: float
+    """... and what is added to it [s], for the time limit."""
+    keep_off: float
+    """Between a mover and the robot's circle at its start [m]."""
+    response_spread: float
+    velocity_noise: float
+    odometry_scale: float
+    odometry_turn: float
+    pose_sigma: float
+    yaw_sigma: float
+    """These six as ``train.arena.config.Imperfections`` has them."""
+
+
+class EpisodeSource(NamedTuple):
+    """The bodies and layouts that episodes are drawn from; see ``BodyColumns`` and ``Bank``."""
+
+    body_first: np.ndarray
+    body_shape: np.ndarray
+    body_limits: np.ndarray
+    body_response: np.ndarray
+    kind_first: np.ndarray
+    pairs: np.ndarray
+
+
+class Wheels(NamedTuple):
+    """Drive wheels, which limit what speed and turn rate go together."""
+
+    arm: np.ndarray
+    """Of each body, 0 if it has none, (b,) [m]."""
+    speed: float
+    """Greatest at the rim [m/s]."""
+
+
+class Driven(NamedTuple):
+    """What comes of driving for a decision."""
+
+    poses: np.ndarray
+    """After each tick, (n, ticks, 3)."""
+    twist: np.ndarray
+    """True, in the last tick, (n, 3)."""
+    motion: np.ndarray
+    """Displacement by odometry in the base frame before, (n, 3)."""
+    way: np.ndarray
+    """Length of the way, (n,) [m]."""
+
+
+class Ends(NamedTuple):
+    """How episodes go on or end."""
+
+    progress: np.ndarray
+    collided: np.ndarray
+    reached: np.ndarray
+    timed_out: np.ndarray
+    ended: np.ndarray
+    """The tick within this decision after which they did, from 1."""
+
+
+class SensorFlaws(NamedTuple):
+    """What is wrong with what the robots sense, as ``train.arena.config.Imperfections`` has it."""
+
+    table: np.ndarray
+    """Range noise of many beams in a row, infinite for a dropped one, (T,) [m]."""
+    velocity_scale: np.ndarray
+    """The sigma of the twist is relative to this, (b, 3)."""
+    min_range: float
+    """Of the lidar [m]."""
+    max_range: float
+    """[m]"""
+    empty_scan: float
+    twist_sigma: float
+    pose_sigma: float
+    yaw_sigma: float
+    pose_time: float
+
+
+class Sensed(NamedTuple):
+    """What the stack is given."""
+
+    ranges: np.ndarray
+    """True ranges, which become the reported ones, (n, num_beams) [m]."""
+    clearance: np.ndarray
+    """Output, least true range beyond the footprint, ``inf`` if there is nothing, (n,) [m]."""
+    nearest: np.ndarray
+    """Output, least reported range, (n,) [m]."""
+    goals: np.ndarray
+    """Output, in base_link, (n, 2) [m]."""
+    twist: np.ndarray
+    """Output, as measured, (n, 3)."""
 
 
 @njit(cache=True, nogil=True)
-def _next(stream, drawn, i):
-    """Next number of row i's stream in [0, 1): splitmix64 of its seed and counter."""
-    drawn[i] += np.uint64(1)
-    z = stream[i] + drawn[i] * np.uint64(0x9E3779B97F4A7C15)
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    z = z ^ (z >> np.uint64(31))
-    return float(z >> np.uint64(11)) / 9007199254740992.0
-
-
-@njit(cache=True, nogil=True)
-def _normals(stream, drawn, i, out):
+def _normals(streams, i, out):
     """Fill an even number of standard normal numbers (Box and Muller)."""
     for k in range(0, len(out) - 1, 2):
-        radius = math.sqrt(-2.0 * math.log(1.0 - _next(stream, drawn, i)))
-        angle = 2.0 * math.pi * _next(stream, drawn, i)
+        radius = math.sqrt(-2.0 * math.log(1.0 - next_uniform(streams.seeds, streams.drawn, i)))
+        angle = 2.0 * math.pi * next_uniform(streams.seeds, streams.drawn, i)
         out[k], out[k + 1] = radius * math.cos(angle), radius * math.sin(angle)
 
 
@@ -59,96 +163,105 @@ def _pick(shares, u):
 
 
 @njit(cache=True, nogil=True)
-def draw_episodes(
-    rows, tick, shares, body_shares, body_first, kind_first, pairs, has_movers, movers, mover_speeds,
-    body_shape, body_limits, body_response, imperfect, latencies, time_factor, time_slack, keep_off,
-    stream, drawn, row_kind, body, layout, task, pose, velocity, response, latency, commands, ticks, time_limit,
-    distance, pose_error, odometry, wanted, speeds, row_keep_off, world_seed,
-):  # fmt: skip
+def draw_episodes(rows, tick, settings, source, streams, episodes, robots, request):
     """New episodes for these rows: body, layout, task, response, errors and what the movers follow from.
 
-    ``imperfect``: spread of the response, factor of its noise, odometry's scale and turn, pose's position and yaw.
+    Args:
+        rows: Which, (k,).
+        tick: [s]
+        settings: An ``EpisodeSettings``.
+        source: An ``EpisodeSource``.
+        streams: Of the rows; state.
+        episodes: Output, an ``Episodes``.
+        robots: Output, a ``Robots``.
+        request: Output, a ``MoverRequest``.
     """
-    u, normal = np.empty(NUM_UNIFORM), np.empty(6)
+    task, pose, response = episodes.task, robots.pose, robots.response
+    u, normal = np.empty(_NUM_UNIFORM), np.empty(6)
     for r in range(len(rows)):
         i = rows[r]
-        for k in range(NUM_UNIFORM):
-            u[k] = _next(stream, drawn, i)
-        _normals(stream, drawn, i, normal)
-        kind = row_kind[i] = _pick(shares, u[0])
-        layout[i] = kind_first[kind, 0] + int(u[1] * (kind_first[kind, 1] - kind_first[kind, 0]))
-        task[i] = pairs[layout[i], int(u[2] * pairs.shape[1])]
-        what = _pick(body_shares, u[3])
-        b = body_first[what] + int(u[4] * (body_first[what + 1] - body_first[what]))
-        body[i] = b
+        for k in range(_NUM_UNIFORM):
+            u[k] = next_uniform(streams.seeds, streams.drawn, i)
+        _normals(streams, i, normal)
+        kind = episodes.kind[i] = _pick(settings.shares, u[0])
+        first, end = source.kind_first[kind]
+        layout = episodes.layout[i] = first + int(u[1] * (end - first))
+        task[i] = source.pairs[layout, int(u[2] * source.pairs.shape[1])]
+        what = _pick(settings.body_shares, u[3])
+        b = source.body_first[what] + int(u[4] * (source.body_first[what + 1] - source.body_first[what]))
+        robots.body[i] = b
+        fastest = source.body_limits[b, 0, HIGHEST]
         pose[i, 0], pose[i, 1] = task[i, START_X], task[i, START_Y]
         pose[i, 2] = (2.0 * u[5] - 1.0) * math.pi
-        velocity[i], commands[i], ticks[i] = 0.0, 0.0, 0
-        distance[i] = math.hypot(task[i, GOAL_X] - pose[i, 0], task[i, GOAL_Y] - pose[i, 1])
-        limit = time_factor * task[i, SHORTEST] / body_limits[b, 0, 1] + time_slack
-        time_limit[i] = int(math.ceil(limit / tick))
-        spread = imperfect[0]
+        robots.velocity[i], robots.commands[i], episodes.ticks[i] = 0.0, 0.0, 0
+        episodes.distance[i] = math.hypot(task[i, GOAL_X] - pose[i, 0], task[i, GOAL_Y] - pose[i, 1])
+        limit = settings.time_factor * task[i, SHORTEST] / fastest + settings.time_slack
+        episodes.time_limit[i] = int(math.ceil(limit / tick))
+        spread = settings.response_spread
         for axis in range(3):
-            gain, lag, delay, noise = body_response[b, axis]
-            response[i, axis, GAIN] = gain * (1.0 + min(spread, 0.1) * (2.0 * u[6 + axis] - 1.0))
+            gain, lag, delay, noise = source.body_response[b, axis]
+            response[i, axis, GAIN] = gain * (1.0 + min(spread, _MOST_GAIN_SPREAD) * (2.0 * u[6 + axis] - 1.0))
             lag *= 1.0 + spread * (2.0 * u[9 + axis] - 1.0)
             delay *= 1.0 + spread * (2.0 * u[12 + axis] - 1.0)
             response[i, axis, KEEP] = math.exp(-tick / lag)
             response[i, axis, DELAY] = math.floor(delay / tick + 0.5)
-            response[i, axis, NOISE] = noise * imperfect[1] * (1.0 + spread * (2.0 * u[15 + axis] - 1.0))
-            response[i, axis, ACCELERATION] = body_limits[b, axis, 2]
-        latency[i] = latencies[0] + int(u[18] * (latencies[1] - latencies[0] + 1))
-        odometry[i, SCALE_ODOMETRY], odometry[i, TURN_ODOMETRY] = imperfect[2] * normal[0], imperfect[3] * normal[1]
-        pose_error[i, 0], pose_error[i, 1] = imperfect[4] * normal[2], imperfect[4] * normal[3]
-        pose_error[i, 2] = imperfect[5] * normal[4]
-        wanted[i] = movers[0] + int(u[19] * (movers[1] - movers[0] + 1)) if has_movers[kind] else 0
-        speeds[i, 0], speeds[i, 1] = mover_speeds[0] * body_limits[b, 0, 1], mover_speeds[1] * body_limits[b, 0, 1]
-        row_keep_off[i] = keep_off + body_shape[b, 0]
-        world_seed[i] = np.uint64(u[20] * 9007199254740992.0)
+            response[i, axis, NOISE] = noise * settings.velocity_noise * (1.0 + spread * (2.0 * u[15 + axis] - 1.0))
+            response[i, axis, ACCELERATION] = source.body_limits[b, axis, BODY_ACCELERATION]
+        shortest, longest = settings.latency
+        robots.latency[i] = shortest + int(u[18] * (longest - shortest + 1))
+        robots.odometry[i, SCALE_ODOMETRY] = settings.odometry_scale * normal[0]
+        robots.odometry[i, TURN_ODOMETRY] = settings.odometry_turn * normal[1]
+        error = robots.pose_error[i]
+        error[0], error[1] = settings.pose_sigma * normal[2], settings.pose_sigma * normal[3]
+        error[2] = settings.yaw_sigma * normal[4]
+        fewest, most = settings.movers
+        request.wanted[i] = fewest + int(u[19] * (most - fewest + 1)) if settings.has_movers[kind] else 0
+        slow, fast = settings.mover_speeds
+        request.speeds[i, 0], request.speeds[i, 1] = slow * fastest, fast * fastest
+        request.keep_off[i] = settings.keep_off + source.body_shape[b, RADIUS]
+        request.seeds[i] = np.uint64(u[20] * _WORD)
 
 
 @njit(cache=True, nogil=True)
-def assign_parts(rows, counts, kinds, shapes, local, part_count, num_parts, parts, part_local, part_mover):
-    """The columns of the parts of each row's movers."""
+def assign_parts(rows, movers, shapes, local, part_count, parts, columns):
+    """The columns of the parts of each row's movers.
+
+    Args:
+        rows: Which, (k,).
+        movers: A ``MoverRows``.
+        shapes: Of the parts of each kind of mover, (b, MAX_PARTS, LEVEL_COLUMNS).
+        local: Where they are in their mover's frame, (b, MAX_PARTS, 5).
+        part_count: Of each kind, (b,).
+        parts: Output, a ``PartRows``.
+        columns: Output, shapes of the rows' parts, (n, p, LEVEL_COLUMNS).
+    """
     for r in range(len(rows)):
         i = rows[r]
         p = 0
-        for m in range(counts[i]):
-            kind = kinds[i, m]
+        for m in range(movers.counts[i]):
+            kind = movers.kinds[i, m]
             for q in range(part_count[kind]):
-                parts[i, p], part_local[i, p], part_mover[i, p] = shapes[kind, q], local[kind, q], m
+                columns[i, p], parts.local[i, p], parts.mover[i, p] = shapes[kind, q], local[kind, q], m
                 p += 1
-        num_parts[i] = p
+        parts.counts[i] = p
 
 
 @njit(cache=True, nogil=True)
-def drive(
-    rows, tick, wanted, body, wheel_arm, wheel_speed, stream, drawn, pose, velocity, response, latency, commands,
-    ticks, odometry, poses, twist, motion, way,
-):  # fmt: skip
+def drive(rows, tick, wanted, wheels, streams, ticks, robots, driven):
     """Carry a command out for some ticks.
 
     Args:
         rows: Which, (k,).
-        tick: [s].
+        tick: [s]
         wanted: Commands within the body's limits, (n, 3).
-        body: (n,).
-        wheel_arm: Of each body, 0 if it has no drive wheels, (b,) [m].
-        wheel_speed: Greatest at the rim [m/s].
-        stream: State, as all that follow up to ``odometry``; see ``Rows``.
-        drawn: State.
-        pose: State.
-        velocity: State.
-        response: State.
-        latency: State.
-        commands: State.
-        ticks: State.
-        odometry: State.
-        poses: Output, after each tick, (n, ticks, 3).
-        twist: Output, true, in the last tick, (n, 3).
-        motion: Output, the displacement by odometry in the base frame before, (n, 3).
-        way: Output, length of the way (n,) [m].
+        wheels: A ``Wheels``.
+        streams: Of the rows; state.
+        ticks: Since the episode's start, (n,); state.
+        robots: A ``Robots``; state.
+        driven: Output, a ``Driven``.
     """
+    body, pose, velocity, response, latency, commands, _, odometry = robots
+    poses, twist, motion, way = driven
     count = poses.shape[1]
     normal, command = np.empty(4), np.empty(3)
     for r in range(len(rows)):
@@ -156,17 +269,17 @@ def drive(
         x, y, yaw = pose[i]
         x0, y0, yaw0 = x, y, yaw
         command[:] = wanted[i]
-        arm = wheel_arm[body[i]]
+        arm = wheels.arm[body[i]]
         if arm > 0.0:  # no wheel turns faster than it can: the arc stays, both speeds shrink (robots.bodies.tiago)
             fastest = abs(command[0]) + abs(command[2]) * arm
-            if fastest > wheel_speed:
-                command *= wheel_speed / fastest
+            if fastest > wheels.speed:
+                command *= wheels.speed / fastest
         length = 0.0
         for t in range(count):
             at = ticks[i]
             ticks[i] += 1
             commands[i, at % RING] = command
-            _normals(stream, drawn, i, normal)
+            _normals(streams, i, normal)
             for axis in range(3):
                 late = int(response[i, axis, DELAY]) + latency[i]
                 target = response[i, axis, GAIN] * commands[i, (at - late) % RING, axis] if at >= late else 0.0
@@ -192,10 +305,19 @@ def drive(
 
 
 @njit(cache=True, nogil=True)
-def judge(
-    rows, poses, hit, task, ticks, time_limit, tolerance, distance, progress, collided, reached, timed_out, ended
-):
-    """Which episodes ended and how; ``ended``: the tick within this decision after which they did, from 1."""
+def judge(rows, poses, hit, tolerance, episodes, ends):
+    """Which episodes ended and how.
+
+    Args:
+        rows: Which, (k,).
+        poses: After each tick of the decision, (n, ticks, 3).
+        hit: First tick at which the footprint overlapped something, -1 if there is none, (n,).
+        tolerance: Of the goal [m].
+        episodes: An ``Episodes``; the distances are changed.
+        ends: Output, an ``Ends``.
+    """
+    _, _, task, ticks, time_limit, distance = episodes
+    progress, collided, reached, timed_out, ended = ends
     for r in range(len(rows)):
         i = rows[r]
         count = poses.shape[1]
@@ -215,42 +337,31 @@ def judge(
 
 
 @njit(cache=True, nogil=True)
-def sense(
-    rows, period, table, imperfect, velocity_scale, body, pose, task, twist, stream, drawn, outline, pose_error,
-    min_range, max_range, ranges, clearance, nearest, goals_in_base, twist_measured,
-):  # fmt: skip
+def sense(rows, period, flaws, streams, robots, task, true_twist, outline, sensed):
     """What the stack is given of the truth.
 
     Args:
         rows: Which, (k,).
         period: Of decisions [s].
-        table: Range noise of many beams in a row, infinite for a dropped one (T,) [m].
-        imperfect: Share of empty scans, sigma of the twist, of the pose's position and of its yaw, and its time.
-        velocity_scale: The sigma of the twist is relative to this, (b, 3).
-        body: (n,).
-        pose: True, (n, 3).
+        flaws: A ``SensorFlaws``.
+        streams: Of the rows; state.
+        robots: A ``Robots``; the errors of the pose are changed.
         task: (n, 5).
-        twist: True, (n, 3).
-        stream: State.
-        drawn: State.
+        true_twist: (n, 3).
         outline: Of the footprint along each beam, (n, num_beams) [m].
-        pose_error: State, (n, 3).
-        min_range: Of the lidar [m].
-        max_range: [m]
-        ranges: True ranges, which become the reported ones, (n, num_beams) [m].
-        clearance: Output, least true range beyond the footprint, ``inf`` if there is nothing, (n,) [m].
-        nearest: Output, least reported range, (n,) [m].
-        goals_in_base: Output, (n, 2) [m].
-        twist_measured: Output, (n, 3).
+        sensed: A ``Sensed``; written.
     """
+    ranges, clearance, nearest, goals_in_base, twist_measured = sensed
+    table, min_range, max_range = flaws.table, flaws.min_range, flaws.max_range
+    body, pose, pose_error = robots.body, robots.pose, robots.pose_error
     num_beams = ranges.shape[1]
     normal = np.empty(6)
-    keep = math.exp(-period / imperfect[4])
+    keep = math.exp(-period / flaws.pose_time)
     renew = math.sqrt(1.0 - keep * keep)
     for r in range(len(rows)):
         i = rows[r]
-        begin = int(_next(stream, drawn, i) * (len(table) - num_beams))
-        empty = _next(stream, drawn, i) < imperfect[0]
+        begin = int(next_uniform(streams.seeds, streams.drawn, i) * (len(table) - num_beams))
+        empty = next_uniform(streams.seeds, streams.drawn, i) < flaws.empty_scan
         least, seen = math.inf, math.inf
         for k in range(num_beams):
             least = min(least, ranges[i, k] - outline[i, k])
@@ -264,11 +375,12 @@ def sense(
             ranges[i] = math.inf
             seen = math.inf
         nearest[i] = seen
-        _normals(stream, drawn, i, normal)
+        _normals(streams, i, normal)
         for axis in range(3):
-            sigma = imperfect[3] if axis == 2 else imperfect[2]
+            sigma = flaws.yaw_sigma if axis == 2 else flaws.pose_sigma
             pose_error[i, axis] = keep * pose_error[i, axis] + renew * sigma * normal[axis]
-            twist_measured[i, axis] = twist[i, axis] + imperfect[1] * velocity_scale[body[i], axis] * normal[3 + axis]
+            sigma = flaws.twist_sigma * flaws.velocity_scale[body[i], axis]
+            twist_measured[i, axis] = true_twist[i, axis] + sigma * normal[3 + axis]
         yaw = pose[i, 2] + pose_error[i, 2]
         dx = task[i, GOAL_X] - pose[i, 0] - pose_error[i, 0]
         dy = task[i, GOAL_Y] - pose[i, 1] - pose_error[i, 1]

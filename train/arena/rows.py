@@ -4,17 +4,55 @@ from typing import NamedTuple
 
 import numpy as np
 
-from train.arena.bank import MAX_PARTS, Bank
-from worlds.motion.mover_columns import STATE_SIZE
+from train.arena.bank import MAX_PARTS
+from worlds.level_scan import LEVEL_COLUMNS
+from worlds.motion.mover_columns import GOAL_X, GOAL_Y, START_X, START_Y, STATE_SIZE
+from worlds.motion.walk import MoverRequest, MoverRows, PartRows
 
 RING = 16
 """Commands that are remembered [ticks]: more than the longest delay."""
 SCALE_ODOMETRY, TURN_ODOMETRY = 0, 1
 """Columns of odometry's errors."""
-START_X, START_Y, GOAL_X, GOAL_Y, SHORTEST = range(5)
-"""Columns of a task."""
+SHORTEST = 4
+"""Column of a task, after ``START_X`` to ``GOAL_Y``."""
 GAIN, KEEP, DELAY, NOISE, ACCELERATION = range(5)
 """Columns of an episode's response: KEEP is exp(-dt / lag), DELAY is in ticks."""
+
+
+__all__ = ["GOAL_X", "GOAL_Y", "START_X", "START_Y"]
+
+
+class Streams(NamedTuple):
+    """Random numbers of n rows."""
+
+    seeds: np.ndarray
+    """(n,) uint64"""
+    drawn: np.ndarray
+    """Numbers drawn from each, (n,) uint64."""
+
+
+class Episodes(NamedTuple):
+    """What n rows are to do."""
+
+    kind: np.ndarray
+    layout: np.ndarray
+    task: np.ndarray
+    ticks: np.ndarray
+    time_limit: np.ndarray
+    distance: np.ndarray
+
+
+class Robots(NamedTuple):
+    """Bodies of n rows, and where they are."""
+
+    body: np.ndarray
+    pose: np.ndarray
+    velocity: np.ndarray
+    response: np.ndarray
+    latency: np.ndarray
+    commands: np.ndarray
+    pose_error: np.ndarray
+    odometry: np.ndarray
 
 
 class Rows(NamedTuple):
@@ -88,11 +126,10 @@ class Rows(NamedTuple):
     """Numbers drawn from it, (n,) uint64."""
 
     @classmethod
-    def zeros(cls, n: int, movers: int, bank: Bank) -> "Rows":
+    def zeros(cls, n: int, movers: int) -> "Rows":
         """Robots that will all be reset."""
         m = max(movers, 1)
         p = m * MAX_PARTS
-        columns = bank.static.shape[1]
 
         def floats(*shape: int) -> np.ndarray:
             return np.zeros((n, *shape))
@@ -109,6 +146,40 @@ class Rows(NamedTuple):
             distance=floats(), pose_error=floats(3), odometry=floats(2), wanted=ints(), speeds=floats(2),
             keep_off=floats(), world_seed=words(), counts=ints(), kinds=ints(m), constants=floats(m, 5),
             movers=floats(m, STATE_SIZE), headings=floats(m, 2), seeds=words(m), counters=words(m),
-            pauses=floats(m, 4), waypoints=floats(2 * m, 2), num_parts=ints(), parts=floats(p, columns),
+            pauses=floats(m, 4), waypoints=floats(2 * m, 2), num_parts=ints(), parts=floats(p, LEVEL_COLUMNS),
             part_local=floats(p, 5), part_mover=ints(p), stream=words(), drawn=words(),
         )  # fmt: skip
+
+    def streams(self) -> Streams:
+        """The random numbers; these and the following are views, as kernels take them."""
+        return Streams(self.stream, self.drawn)
+
+    def episodes(self) -> Episodes:
+        """The episodes."""
+        return Episodes(self.kind, self.layout, self.task, self.ticks, self.time_limit, self.distance)
+
+    def robots(self) -> Robots:
+        """The robots."""
+        return Robots(
+            self.body, self.pose, self.velocity, self.response, self.latency, self.commands, self.pose_error,
+            self.odometry,
+        )  # fmt: skip
+
+    def mover_request(self) -> MoverRequest:
+        """What is asked for of movers."""
+        return MoverRequest(self.wanted, self.task, self.keep_off, self.speeds, self.world_seed)
+
+    def mover_rows(self) -> MoverRows:
+        """The movers."""
+        return MoverRows(
+            self.counts, self.kinds, self.constants, self.movers, self.headings, self.seeds, self.counters,
+            self.pauses, self.waypoints,
+        )  # fmt: skip
+
+    def part_rows(self, poses: np.ndarray) -> PartRows:
+        """The movers' parts.
+
+        Args:
+            poses: x, y, cos, sin in the world after each tick, (n, ticks, p, 4) [m].
+        """
+        return PartRows(self.num_parts, self.part_local, self.part_mover, poses)

@@ -8,16 +8,29 @@ from numpy.typing import NDArray
 
 from robots.clearance import overlaps_batch
 from train.arena.bank import Bank
-from train.arena.bodies import LARGEST_RADIUS, WHEEL_SPEED, BodyColumns
+from train.arena.bodies import HIGHEST, LARGEST_RADIUS, WHEEL_ARM, WHEEL_SPEED, BodyColumns
 from train.arena.config import KINDS, ArenaConfig
-from train.arena.kernels import assign_parts, draw_episodes, drive, judge, sense
+from train.arena.kernels import (
+    Driven,
+    Ends,
+    EpisodeSettings,
+    EpisodeSource,
+    Sensed,
+    SensorFlaws,
+    Wheels,
+    assign_parts,
+    draw_episodes,
+    drive,
+    judge,
+    sense,
+)
 from train.arena.rows import GOAL_X, GOAL_Y, Rows
 from vuca_nav.policy.observation import ObservationConfig, Observer, command_from_action, goal_features
 from vuca_nav.task import GOAL_TOLERANCE
 from vuca_nav.types import FloatArray, LidarSpec
-from worlds.level_scan import cast_level
+from worlds.level_scan import MovingParts, Standing, cast_level
 from worlds.motion.movers import TICK, TICK_RATE, TURN_RATE
-from worlds.motion.walk import place_batch, walk_batch
+from worlds.motion.walk import Population, WideWays, place_batch, walk_batch
 
 MOVER_DISTANCE = 1.5
 """Free room between a mover and the robot's footprint at its start [m]."""
@@ -85,7 +98,7 @@ class Shard:
         self._atlas, self._once = atlas, once
         self._num_ticks = round(TICK_RATE / config.decision_rate)
         self._period = 1.0 / config.decision_rate
-        self.rows = Rows.zeros(n, config.movers[1], bank)
+        self.rows = Rows.zeros(n, config.movers[1])
         first = [body.spec for body in bodies.bodies[:1]] * n
         self._observer = Observer(observer_config, first, beams, config.decision_rate)
         self._all = np.arange(n)
@@ -102,25 +115,41 @@ class Shard:
         self._lidar_heights = np.zeros(n)
         self._footprints = np.zeros((n, *bodies.footprints.shape[1:]))
         self._corners = np.zeros(n, np.int64)
-        self._wheel_arm = np.ascontiguousarray(bodies.shape[:, 3])
         angles = LidarSpec(num_beams=beams).angles_in_base()
         self._beams = np.stack([np.cos(angles), np.sin(angles)])
         self._lidar = LidarSpec()
         self._reach = min(observer_config.max_range + 1.5 * LARGEST_RADIUS, self._lidar.max_range)
-        self._table = _noise_table(config)
-        flaws = config.imperfections
-        self._episode_flaws = np.array(
-            [flaws.response_spread, flaws.velocity_noise, flaws.odometry_scale, flaws.odometry_turn,
-             flaws.pose_sigma, flaws.yaw_sigma]
-        )  # fmt: skip
-        self._sense_flaws = np.array(
-            [flaws.empty_scan, flaws.twist_sigma, flaws.pose_sigma, flaws.yaw_sigma, flaws.pose_time]
+        self._bind()
+
+    def _bind(self) -> None:
+        """Put settings and arrays together as the kernels take them: once, as only their contents ever change."""
+        config, bank, bodies, rows, out = self.config, self.bank, self.bodies, self.rows, self.outputs
+        flaws, lidar = config.imperfections, self._lidar
+        self._streams, self._episodes, self._robots = rows.streams(), rows.episodes(), rows.robots()
+        self._request, self._movers = rows.mover_request(), rows.mover_rows()
+        self._parts = rows.part_rows(self._part_poses)
+        self._ways = WideWays(bank.away, bank.grid_shape, bank.grids)
+        self._standing = Standing(bank.static, bank.first)
+        self._moving = MovingParts(rows.parts, self._part_poses[:, -1], rows.num_parts)
+        self._population = Population(
+            bank.mover_radius, config.patrols, config.pausing, *STANDING, bank.places, bank.places_of
         )
-        self._mixture = np.array([config.patrols, config.pausing, *STANDING])
-        self._shares, self._body_shares = np.array(config.shares), np.array(config.body_shares)
-        self._movers, self._latency = np.array(config.movers), np.array(flaws.latency)
-        self._speeds = np.array(config.mover_speeds)
-        self._twist_scale = np.ascontiguousarray(bodies.limits[:, :, 1])
+        self._source = EpisodeSource(
+            bodies.first, bodies.shape, bodies.limits, bodies.response, bank.kind_first, bank.pairs
+        )
+        self._settings = EpisodeSettings(
+            np.array(config.shares), np.array(config.body_shares), MOVING_KINDS, config.movers, config.mover_speeds,
+            flaws.latency, config.time_factor, config.time_slack, MOVER_DISTANCE, flaws.response_spread,
+            flaws.velocity_noise, flaws.odometry_scale, flaws.odometry_turn, flaws.pose_sigma, flaws.yaw_sigma,
+        )  # fmt: skip
+        self._flaws = SensorFlaws(
+            _noise_table(config), np.ascontiguousarray(bodies.limits[:, :, HIGHEST]), lidar.min_range,
+            lidar.max_range, flaws.empty_scan, flaws.twist_sigma, flaws.pose_sigma, flaws.yaw_sigma, flaws.pose_time,
+        )  # fmt: skip
+        self._wheels = Wheels(np.ascontiguousarray(bodies.shape[:, WHEEL_ARM]), WHEEL_SPEED)
+        self._driven = Driven(self._poses, self._twist, self.motion, out.way)
+        self._ends = Ends(out.progress, out.collided, out.reached, out.timed_out, out.ended)
+        self._sensed = Sensed(self.ranges, out.clearance, out.nearest, self.goals, self.measured)
 
     def reset(self) -> None:
         """New episodes in all rows, and their first observation."""
@@ -152,10 +181,7 @@ class Shard:
             bank.first, bank.clearance, bank.grid_shape, bank.grids, state.parts, self._part_poses, state.num_parts,
             self._hit, self._moved,
         )  # fmt: skip
-        judge(
-            rows, self._poses, self._hit, state.task, state.ticks, state.time_limit, GOAL_TOLERANCE, state.distance,
-            out.progress, out.collided, out.reached, out.timed_out, out.ended,
-        )  # fmt: skip
+        judge(rows, self._poses, self._hit, GOAL_TOLERANCE, self._episodes, self._ends)
         out.turn_rate[rows] = np.abs(self._twist[rows, 2])
         self._look(rows)
         self._observe(None, rows)
@@ -179,44 +205,21 @@ class Shard:
 
     def drive(self, rows: np.ndarray, action: NDArray[np.float32]) -> None:
         """Carry the actions out for a decision's ticks."""
-        state = self.rows
         wanted = command_from_action(action.astype(np.float64), self._observer.limits)
-        drive(
-            rows, TICK, wanted, state.body, self._wheel_arm, WHEEL_SPEED, state.stream, state.drawn, state.pose,
-            state.velocity, state.response, state.latency, state.commands, state.ticks, state.odometry, self._poses,
-            self._twist, self.motion, self.outputs.way,
-        )  # fmt: skip
+        drive(rows, TICK, wanted, self._wheels, self._streams, self.rows.ticks, self._robots, self._driven)
 
     def move(self, rows: np.ndarray, ticks: int) -> None:
         """The movers' ticks of a decision, or with 0 their first choice. They do not see the robots."""
-        state, bank = self.rows, self.bank
-        walk_batch(
-            rows, TICK, ticks, _TURN, state.counts, state.constants, state.movers, state.headings, state.seeds,
-            state.counters, state.pauses, bank.away, bank.grid_shape, bank.grids, state.layout, state.waypoints,
-            state.num_parts, state.part_local, state.part_mover, self._part_poses,
-        )  # fmt: skip
+        walk_batch(rows, TICK, ticks, _TURN, self.rows.layout, self._ways, self._movers, self._parts)
 
     def _begin(self, rows: np.ndarray) -> None:
         """New episodes."""
-        state, bank, bodies, config = self.rows, self.bank, self.bodies, self.config
+        state, bank, bodies = self.rows, self.bank, self.bodies
         draw_episodes(
-            rows, TICK, self._shares, self._body_shares, bodies.first, bank.kind_first, bank.pairs, MOVING_KINDS,
-            self._movers, self._speeds, bodies.shape, bodies.limits, bodies.response, self._episode_flaws,
-            self._latency, config.time_factor, config.time_slack, MOVER_DISTANCE, state.stream, state.drawn,
-            state.kind, state.body, state.layout, state.task, state.pose, state.velocity, state.response,
-            state.latency, state.commands, state.ticks, state.time_limit, state.distance, state.pose_error,
-            state.odometry, state.wanted, state.speeds, state.keep_off, state.world_seed,
-        )  # fmt: skip
-        place_batch(
-            rows, state.wanted, bank.mover_radius, self._mixture, state.task[:, 0:2], state.task[:, 2:4],
-            state.keep_off, state.speeds, state.world_seed, bank.places, bank.places_of, bank.away, bank.grid_shape,
-            bank.grids, state.layout, state.kinds, state.counts, state.constants, state.movers, state.headings,
-            state.seeds, state.counters, state.pauses, state.waypoints,
-        )  # fmt: skip
-        assign_parts(
-            rows, state.counts, state.kinds, bank.part_shapes, bank.part_local, bank.part_count, state.num_parts,
-            state.parts, state.part_local, state.part_mover,
-        )  # fmt: skip
+            rows, TICK, self._settings, self._source, self._streams, self._episodes, self._robots, self._request
+        )
+        place_batch(rows, self._request, self._population, state.layout, self._ways, self._movers)
+        assign_parts(rows, self._movers, bank.part_shapes, bank.part_local, bank.part_count, self._parts, state.parts)
         self.move(rows, 0)
         body = state.body[rows]
         self._footprints[rows], self._corners[rows] = bodies.footprints[body], bodies.corners[body]
@@ -227,15 +230,14 @@ class Shard:
 
     def _look(self, rows: np.ndarray) -> None:
         """Scans of these rows, the truth about them, and what the stack is given."""
-        state, bank, out = self.rows, self.bank, self.outputs
+        state = self.rows
         cast_level(
-            rows, state.pose, self._lidar_heights, bank.static, state.layout, bank.first, state.parts,
-            self._part_poses[:, -1], state.num_parts, self._beams, self._reach, self.ranges,
+            rows, state.pose, self._lidar_heights, state.layout, self._standing, self._moving, self._beams,
+            self._reach, self.ranges,
         )  # fmt: skip
         sense(
-            rows, self._period, self._table, self._sense_flaws, self._twist_scale, state.body, state.pose, state.task,
-            self._twist, state.stream, state.drawn, self._observer.outline, state.pose_error, self._lidar.min_range,
-            self._lidar.max_range, self.ranges, out.clearance, out.nearest, self.goals, self.measured,
+            rows, self._period, self._flaws, self._streams, self._robots, state.task, self._twist,
+            self._observer.outline, self._sensed,
         )  # fmt: skip
 
     def _observe(self, first_of: np.ndarray | None, only: np.ndarray | None = None) -> None:

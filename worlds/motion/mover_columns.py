@@ -9,3 +9,5 @@ X, Y, YAW, V_X, V_Y, WALKED, RUN, SINCE_TURN, TARGET, DIRECTION, PROGRESS, STUCK
 STATE_SIZE = 12
 GO_TIME, STOP_TIME, UNTIL_CHANGE, STOPPED = range(4)
 """Columns of the pauses of a mover that stops and goes."""
+START_X, START_Y, GOAL_X, GOAL_Y = range(4)
+"""Columns of the robot's task."""

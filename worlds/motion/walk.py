@@ -1,6 +1,7 @@
 """How random walkers and patrols decide where to go. They see walls and each other, never the robot."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -9,6 +10,8 @@ from worlds.motion.mover_columns import (
     DIRECTION,
     FIRST_WAYPOINT,
     GO_TIME,
+    GOAL_X,
+    GOAL_Y,
     MOTION,
     PATROL,
     RADIUS,
@@ -16,6 +19,8 @@ from worlds.motion.mover_columns import (
     RUN,
     SINCE_TURN,
     SPEED,
+    START_X,
+    START_Y,
     STOP_TIME,
     STOPPED,
     TARGET,
@@ -28,6 +33,7 @@ from worlds.motion.mover_columns import (
     Y,
 )
 from worlds.scenes.population import MOVER_WAY, WAY_MARGIN
+from worlds.splitmix import next_uniform
 from worlds.world import STRIDE
 
 MIN_RUN = 1.0
@@ -40,19 +46,10 @@ TRIES = 24
 """Headings tried."""
 PERSONAL_GAP = 0.15
 """Random walkers turn away from each other at this distance between their circles [m]."""
+CROSSING = 0.5
+"""Share of the patrols that are drawn across the straight way of the robot."""
 MIN_PATROL, MAX_PATROL = 3.0, 20.0
 """Of a patrol that is drawn, from end to end, and ahead of where it starts [m]."""
-
-
-@njit(cache=True)
-def _uniform(seeds, counters, i):
-    """Next number of mover i's own stream in [0, 1): splitmix64 of its seed and counter."""
-    counters[i] += np.uint64(1)
-    z = seeds[i] + counters[i] * np.uint64(0x9E3779B97F4A7C15)
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    z = z ^ (z >> np.uint64(31))
-    return float(z >> np.uint64(11)) / 9007199254740992.0
 
 
 @njit(cache=True)
@@ -78,7 +75,7 @@ def _new_heading(i, constants, state, seeds, counters, away, grid):
     limit = 0.5 * MOVER_WAY - r - WAY_MARGIN
     best_run, best_free, best_cos, best_sin = -1.0, 0.0, 1.0, 0.0
     for _ in range(TRIES):
-        angle = 2.0 * math.pi * _uniform(seeds, counters, i)
+        angle = 2.0 * math.pi * next_uniform(seeds, counters, i)
         cos, sin = math.cos(angle), math.sin(angle)
         run = free = _free_run(away, grid, limit, x, y, cos, sin, MAX_RUN)
         for j in range(len(state)):
@@ -165,11 +162,89 @@ def decide(dt, constants, state, seeds, counters, away, grid, waypoints):
 # Many worlds at once ------------------------------------------------------------------------------------------------
 
 
+class WideWays(NamedTuple):
+    """Where movers keep to, on all layouts' grids."""
+
+    away: np.ndarray
+    """Distance of every cell to the wide ways, one layout after the other, (cells,) [m]."""
+    shape: np.ndarray
+    """Where each layout's cells begin, its rows and its columns, (layouts, 3)."""
+    grids: np.ndarray
+    """Origin x, y and resolution of each layout's grid, (layouts, 3) [m]."""
+
+
+class MoverRows(NamedTuple):
+    """The movers of n worlds, at most m in each."""
+
+    counts: np.ndarray
+    """(n,)"""
+    kinds: np.ndarray
+    """Which shape each has, (n, m)."""
+    constants: np.ndarray
+    """(n, m, 5)"""
+    state: np.ndarray
+    """(n, m, STATE_SIZE); the yaw is not kept."""
+    headings: np.ndarray
+    """cos and sin of the movers' own yaw instead, (n, m, 2)."""
+    seeds: np.ndarray
+    """(n, m) uint64"""
+    counters: np.ndarray
+    """(n, m) uint64"""
+    pauses: np.ndarray
+    """(n, m, 4): mean times of going and of standing [s], 0 for one that never stops; the rest is state."""
+    waypoints: np.ndarray
+    """(n, w, 2) [m]"""
+
+
+class PartRows(NamedTuple):
+    """The movers' parts in n worlds, at most p in each."""
+
+    counts: np.ndarray
+    """(n,)"""
+    local: np.ndarray
+    """x, y, cos, sin in their mover's frame and swing, (n, p, 5) [m]."""
+    mover: np.ndarray
+    """Whose part it is, (n, p)."""
+    poses: np.ndarray
+    """x, y, cos, sin in the world after each tick, (n, output ticks, p, 4) [m]."""
+
+
+class MoverRequest(NamedTuple):
+    """What n worlds ask for."""
+
+    wanted: np.ndarray
+    """Movers, (n,)."""
+    tasks: np.ndarray
+    """The robot's start x, y and goal x, y, and what else there may be, (n, 4 or more) [m]."""
+    keep_off: np.ndarray
+    """From the robot's start to the mover's circle, (n,) [m]."""
+    speeds: np.ndarray
+    """Slowest and fastest, (n, 2) [m/s]."""
+    seeds: np.ndarray
+    """(n,) uint64: everything about the movers follows from it."""
+
+
+class Population(NamedTuple):
+    """What movers are drawn from."""
+
+    radius: np.ndarray
+    """Of the circle about each kind of mover, (b,) [m]."""
+    patrols: float
+    """Share of movers that go straight to and fro."""
+    pausing: float
+    """Share of movers that stop and go."""
+    go_time: float
+    """Mean [s]."""
+    stop_time: float
+    """Mean [s]."""
+    places: np.ndarray
+    """Where movers may start in all layouts, (q, 2) [m]."""
+    places_of: np.ndarray
+    """Where a layout's places begin, and the last one's end, (layouts + 1,)."""
+
+
 @njit(cache=True, error_model="numpy", nogil=True)
-def walk_batch(
-    rows, dt, ticks, turn, counts, constants, state, headings, seeds, counters, pauses, away, away_shape, grids, layout,
-    waypoints, num_parts, parts, part_mover, part_poses,
-):  # fmt: skip
+def walk_batch(rows, dt, ticks, turn, layout, ways, movers, parts):
     """Walkers and patrols of many worlds over some ticks, as ``MoverField`` moves them, to rounding.
 
     Args:
@@ -177,34 +252,23 @@ def walk_batch(
         dt: Of a tick [s].
         ticks: How many; each moves everything on, then decides. 0 decides once and writes out, as a start.
         turn: cos and sin of the most that a mover's own shape turns in a tick.
-        counts: Movers of each world, (n,).
-        constants: (n, m, 5).
-        state: (n, m, STATE_SIZE); the yaw is not kept.
-        headings: cos and sin of the movers' own yaw instead, (n, m, 2).
-        seeds: (n, m) uint64.
-        counters: (n, m) uint64.
-        pauses: (n, m, 4): mean times of going and of standing [s], 0 for who never stops; the rest is state.
-        away: Distance to the wide ways on all layouts' grids, one after the other, (cells,) [m].
-        away_shape: Where each layout's begins, its rows and its columns, (layouts, 3).
-        grids: Origin and resolution of each layout's grid, (layouts, 3) [m].
         layout: Of each world, (n,).
-        waypoints: (n, w, 2) [m].
-        num_parts: Of each world, (n,).
-        parts: x, y, cos, sin in their mover's frame and swing, (n, p, 5) [m].
-        part_mover: Whose part it is, (n, p).
-        part_poses: Output: x, y, cos, sin in the world after each tick, the last ones if ``ticks`` is 0,
-            (n, output ticks, p, 4) [m].
+        ways: A ``WideWays``.
+        movers: A ``MoverRows``; changed.
+        parts: A ``PartRows``; its poses are written, the last ones if ``ticks`` is 0.
     """
+    counts, _, constants, state, headings, seeds, counters, pauses, waypoints = movers
+    num_parts, part_local, part_mover, part_poses = parts
     most = state.shape[1]
     x, y, radius = np.empty(most), np.empty(most), np.empty(most)
     for r in range(len(rows)):
         i = rows[r]
         count, place = counts[i], layout[i]
-        begin, height, width = away_shape[place]
-        field, grid = away[begin : begin + height * width].reshape(height, width), grids[place]
+        begin, height, width = ways.shape[place]
+        field, grid = ways.away[begin : begin + height * width].reshape(height, width), ways.grids[place]
         constant, moving, own_seeds, own_counters = constants[i, :count], state[i, :count], seeds[i], counters[i]
         pause, heading, way = pauses[i], headings[i], waypoints[i]
-        part, owner, part_pose, here = parts[i], part_mover[i], part_poses[i], num_parts[i]
+        part, owner, part_pose, here = part_local[i], part_mover[i], part_poses[i], num_parts[i]
         for m in range(count):
             x[m], y[m], radius[m] = moving[m, X], moving[m, Y], constant[m, RADIUS] + PERSONAL_GAP
         for tick in range(max(ticks, 1)):
@@ -281,71 +345,52 @@ def _stop_or_go(m, state, seeds, counters, pauses):
     """The other way round, for a time drawn anew."""
     pauses[m, STOPPED] = 1.0 - pauses[m, STOPPED]
     mean = pauses[m, STOP_TIME] if pauses[m, STOPPED] != 0.0 else pauses[m, GO_TIME]
-    pauses[m, UNTIL_CHANGE] = -mean * math.log(1.0 - _uniform(seeds, counters, m))
+    pauses[m, UNTIL_CHANGE] = -mean * math.log(1.0 - next_uniform(seeds, counters, m))
     state[m, RUN] = 0.0  # a new heading when it goes again
 
 
 @njit(cache=True, nogil=True)
-def place_batch(
-    rows, wanted, kind_radius, mixture, starts, goals, keep_off, speeds, world_seeds, places, places_of,
-    away, away_shape, grids, layout, kinds, counts, constants, state, headings, seeds, counters, pauses, waypoints,
-):  # fmt: skip
-    """Draw and place the movers of many worlds: walkers, patrols straight through, and some that stop and go.
+def place_batch(rows, request, population, layout, ways, movers):
+    """Draw and place the movers of many worlds: random walks, patrols straight through, and some that stop and go.
 
     Every mover starts in a wide way, ``keep_off`` and its own radius away from the robot, and apart from the
     others; where there is no room for more, a world has fewer.
 
     Args:
         rows: Which worlds, (k,).
-        wanted: How many movers, (n,).
-        kind_radius: Of the circle about each kind of mover, (b,) [m].
-        mixture: Shares of patrols and of those that stop and go, mean times of going and of standing [s], (4,).
-        starts: The robot's, (n, 2) [m].
-        goals: (n, 2) [m].
-        keep_off: From the robot's start to the mover's circle, (n,) [m].
-        speeds: Slowest and fastest, (n, 2) [m/s].
-        world_seeds: (n,) uint64: everything about the movers follows from it.
-        places: Where movers may start in all layouts, (q, 2) [m].
-        places_of: Where a layout's places begin, and the last one's end, (layouts + 1,).
-        away: As for ``walk_batch``.
-        away_shape: As for ``walk_batch``.
-        grids: As for ``walk_batch``.
-        layout: As for ``walk_batch``.
-        kinds: Output, which kind each mover is, (n, m).
-        counts: Output, (n,).
-        constants: Output, (n, m, 5).
-        state: Output, (n, m, STATE_SIZE).
-        headings: Output, (n, m, 2).
-        seeds: Output, (n, m).
-        counters: Output, (n, m).
-        pauses: Output, (n, m, 4).
-        waypoints: Output, (n, 2 m, 2).
+        request: A ``MoverRequest``.
+        population: A ``Population``.
+        layout: Of each world, (n,).
+        ways: A ``WideWays``.
+        movers: A ``MoverRows``; written.
     """
+    counts, kinds, constants, state, headings, seeds, counters, pauses, waypoints = movers
+    tasks, speeds, places = request.tasks, request.speeds, population.places
     master, drawn = np.empty(1, np.uint64), np.empty(1, np.uint64)
     for r in range(len(rows)):
         i = rows[r]
-        master[0], drawn[0] = world_seeds[i], np.uint64(0)
+        master[0], drawn[0] = request.seeds[i], np.uint64(0)
         place = layout[i]
-        begin, height, width = away_shape[place]
-        field, grid = away[begin : begin + height * width].reshape(height, width), grids[place]
-        low, high = places_of[place], places_of[place + 1]
+        begin, height, width = ways.shape[place]
+        field, grid = ways.away[begin : begin + height * width].reshape(height, width), ways.grids[place]
+        low, high = population.places_of[place], population.places_of[place + 1]
         count = 0
-        for _ in range(wanted[i]):
-            kind = int(_uniform(master, drawn, 0) * len(kind_radius))
-            radius = kind_radius[kind]
+        for _ in range(request.wanted[i]):
+            kind = int(next_uniform(master, drawn, 0) * len(population.radius))
+            radius = population.radius[kind]
             limit = 0.5 * MOVER_WAY - radius - WAY_MARGIN
             found, x, y = False, 0.0, 0.0
             for _ in range(TRIES):
                 if low == high:
                     break
-                at = low + int(_uniform(master, drawn, 0) * (high - low))
-                x = places[at, 0] + (_uniform(master, drawn, 0) - 0.5) * grid[2]
-                y = places[at, 1] + (_uniform(master, drawn, 0) - 0.5) * grid[2]
+                at = low + int(next_uniform(master, drawn, 0) * (high - low))
+                x = places[at, 0] + (next_uniform(master, drawn, 0) - 0.5) * grid[2]
+                y = places[at, 1] + (next_uniform(master, drawn, 0) - 0.5) * grid[2]
                 row, column = int((y - grid[1]) / grid[2]), int((x - grid[0]) / grid[2])
                 if row >= height or column >= width or field[row, column] > limit:
                     continue
-                dx, dy = x - starts[i, 0], y - starts[i, 1]
-                reach = keep_off[i] + radius
+                dx, dy = x - tasks[i, START_X], y - tasks[i, START_Y]
+                reach = request.keep_off[i] + radius
                 if dx * dx + dy * dy < reach * reach:
                     continue
                 found = True
@@ -363,26 +408,26 @@ def place_batch(
             kinds[i, m] = kind
             constants[i, m] = 0.0
             constants[i, m, MOTION], constants[i, m, RADIUS] = RANDOM_WALK, radius
-            constants[i, m, SPEED] = speeds[i, 0] + _uniform(master, drawn, 0) * (speeds[i, 1] - speeds[i, 0])
+            constants[i, m, SPEED] = speeds[i, 0] + next_uniform(master, drawn, 0) * (speeds[i, 1] - speeds[i, 0])
             state[i, m] = 0.0
             state[i, m, X], state[i, m, Y] = x, y
-            yaw = (2.0 * _uniform(master, drawn, 0) - 1.0) * math.pi
+            yaw = (2.0 * next_uniform(master, drawn, 0) - 1.0) * math.pi
             headings[i, m, 0], headings[i, m, 1] = math.cos(yaw), math.sin(yaw)
             state[i, m, SINCE_TURN], state[i, m, DIRECTION] = PATIENCE, 1.0
-            seeds[i, m] = np.uint64(_uniform(master, drawn, 0) * 9007199254740992.0)
+            seeds[i, m] = np.uint64(next_uniform(master, drawn, 0) * 9007199254740992.0)
             counters[i, m] = np.uint64(0)
             pauses[i, m] = 0.0
-            style, pausing = _uniform(master, drawn, 0), _uniform(master, drawn, 0)
-            if pausing < mixture[1]:
-                pauses[i, m, GO_TIME], pauses[i, m, STOP_TIME] = mixture[2], mixture[3]
-                pauses[i, m, UNTIL_CHANGE] = mixture[2] * _uniform(master, drawn, 0)
-            if style < mixture[0]:
-                angle = 2.0 * math.pi * _uniform(master, drawn, 0)
-                if style < 0.5 * mixture[0]:  # across the straight way of the robot
-                    share = _uniform(master, drawn, 0)
+            style, pausing = next_uniform(master, drawn, 0), next_uniform(master, drawn, 0)
+            if pausing < population.pausing:
+                pauses[i, m, GO_TIME], pauses[i, m, STOP_TIME] = population.go_time, population.stop_time
+                pauses[i, m, UNTIL_CHANGE] = population.go_time * next_uniform(master, drawn, 0)
+            if style < population.patrols:
+                angle = 2.0 * math.pi * next_uniform(master, drawn, 0)
+                if style < CROSSING * population.patrols:  # across the straight way of the robot
+                    share = next_uniform(master, drawn, 0)
                     angle = math.atan2(
-                        starts[i, 1] + share * (goals[i, 1] - starts[i, 1]) - y,
-                        starts[i, 0] + share * (goals[i, 0] - starts[i, 0]) - x,
+                        tasks[i, START_Y] + share * (tasks[i, GOAL_Y] - tasks[i, START_Y]) - y,
+                        tasks[i, START_X] + share * (tasks[i, GOAL_X] - tasks[i, START_X]) - x,
                     )
                 cos, sin = math.cos(angle), math.sin(angle)
                 ahead = _free_run(field, grid, limit, x, y, cos, sin, MAX_PATROL)

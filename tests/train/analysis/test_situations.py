@@ -17,13 +17,16 @@ from train.analysis.situations import (
     SUDDEN_MOVER,
     TIGHT_PASSAGE,
     ArenaSituations,
+    Sight,
+    Threats,
     follow_threats,
     label_situations,
-    time_to_meeting,
 )
 from train.arena.config import ArenaConfig, Imperfections
+from train.arena.rows import Rows
 from vuca_nav.policy.observation import ObservationConfig
-from worlds.motion.mover_columns import RADIUS, STATE_SIZE, V_X, V_Y, X, Y
+from vuca_nav.policy.track_features import time_to_meeting
+from worlds.motion.mover_columns import RADIUS, V_X, V_Y, X, Y
 
 NUM_BEAMS, BODY = 180, 0.27
 """A disc of TIAGo's size."""
@@ -46,8 +49,9 @@ def label(standing, sudden=False, threatened=False, gap=math.inf):
     out = np.full(1, -1)
     size = np.full(1, BODY)
     label_situations(
-        ROW, BEAMS, standing, OUTLINE, size, size, np.array([sudden]), np.array([threatened]), np.array([gap]), out
-    )
+        ROW, BEAMS, Sight(standing, OUTLINE), size, size,
+        Threats(np.zeros((1, 1)), np.zeros((1, 1)), np.array([sudden]), np.array([threatened]), np.array([gap])), out,
+    )  # fmt: skip
     return int(out[0])
 
 
@@ -127,20 +131,18 @@ class Crossing:
     """A robot that goes along x at 1 m/s, and one mover of radius 0.3 m, at 10 Hz."""
 
     def __init__(self, standing=None, yaw=0.0):
-        self.pose, self.velocity = np.array([[0.0, 0.0, yaw]]), np.array([[1.0, 0.0, 0.0]])
-        self.standing = np.full((1, NUM_BEAMS), math.inf) if standing is None else standing
-        self.movers, self.constants = np.zeros((1, 1, STATE_SIZE)), np.zeros((1, 1, 5))
-        self.constants[0, 0, RADIUS] = 0.3
-        self.age, self.calm = np.zeros((1, 1)), np.full((1, 1), math.inf)
-        self.sudden, self.threatened, self.gap = np.zeros(1, np.bool_), np.zeros(1, np.bool_), np.zeros(1)
+        rows = Rows.zeros(1, 1)
+        rows.pose[0, 2], rows.velocity[0, 0], rows.counts[0], rows.constants[0, 0, RADIUS] = yaw, 1.0, 1, 0.3
+        self.robots, self.movers = rows.robots(), rows.mover_rows()
+        self.sight = Sight(np.full((1, NUM_BEAMS), math.inf) if standing is None else standing, OUTLINE)
+        self.threats = Threats(
+            np.zeros((1, 1)), np.full((1, 1), math.inf), np.zeros(1, np.bool_), np.zeros(1, np.bool_), np.zeros(1)
+        )
 
     def look(self, x, y, v_x, v_y):
-        self.movers[0, 0, [X, Y, V_X, V_Y]] = x, y, v_x, v_y
-        follow_threats(
-            ROW, 0.1, self.pose, self.velocity, np.full(1, BODY), np.ones(1, np.int64), self.movers, self.constants,
-            self.standing, OUTLINE, self.age, self.calm, self.sudden, self.threatened, self.gap,
-        )  # fmt: skip
-        return bool(self.sudden[0]), bool(self.threatened[0])
+        self.movers.state[0, 0, [X, Y, V_X, V_Y]] = x, y, v_x, v_y
+        follow_threats(ROW, 0.1, self.robots, np.full(1, BODY), self.movers, self.sight, self.threats)
+        return bool(self.threats.sudden[0]), bool(self.threats.threatened[0])
 
 
 def test_a_mover_that_crosses_is_sudden_for_a_second():
@@ -148,7 +150,7 @@ def test_a_mover_that_crosses_is_sudden_for_a_second():
     calm, across = (3.0, -3.0, 0.0, 0.0), (1.5, -1.5, 0.0, 1.0)  # the latter is met in about 1.1 s
     for _ in range(5):
         assert scene.look(*calm) == (False, False)
-    assert scene.gap[0] == pytest.approx(math.hypot(3.0, 3.0) - 0.3 - BODY)
+    assert scene.threats.gap[0] == pytest.approx(math.hypot(3.0, 3.0) - 0.3 - BODY)
     for _ in range(round(NEWS * 10)):
         assert scene.look(*across) == (True, True)
     for _ in range(5):

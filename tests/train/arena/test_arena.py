@@ -9,7 +9,8 @@ from train.analysis.episodes import Evaluation
 from train.arena.arena import Arena
 from train.arena.bank import make_bank
 from train.arena.config import BODY_KINDS, KINDS, ArenaConfig, Imperfections
-from train.arena.kernels import drive
+from train.arena.kernels import Driven, Wheels, drive
+from train.arena.rows import Robots, Streams
 from vuca_nav.errors import BadArgument
 from vuca_nav.policy.observation import ObservationConfig
 from worlds.motion.movers import TICK
@@ -119,13 +120,14 @@ def test_a_body_answers_late_slowly_and_within_its_acceleration():
     response[0, :] = gain, math.exp(-TICK / lag), delay, 0.0, acceleration
     pose, velocity, ring, ticks = np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 16, 3)), np.zeros(1, np.int64)
     words, poses, way = np.zeros(1, np.uint64), np.zeros((1, 1, 3)), np.zeros(1)
+    nothing = np.zeros(1, np.int64)
+    robots = Robots(nothing, pose, velocity, response, nothing, ring, np.zeros((1, 3)), np.zeros((1, 2)))
+    driven = Driven(poses, np.zeros((1, 3)), np.zeros((1, 3)), way)
     got = []
     for command in commands:
         wanted = np.array([[command, 0.0, 0.0]])
         drive(
-            np.zeros(1, np.int64), TICK, wanted, np.zeros(1, np.int64), np.zeros(1), 1.0, words, words, pose, velocity,
-            response, np.zeros(1, np.int64), ring, ticks, np.zeros((1, 2)), poses, np.zeros((1, 3)),
-            np.zeros((1, 3)), way,
+            np.zeros(1, np.int64), TICK, wanted, Wheels(np.zeros(1), 1.0), Streams(words, words), ticks, robots, driven,
         )  # fmt: skip
         got.append(velocity[0, 0])
     np.testing.assert_allclose(got, expected, atol=1e-12)

@@ -10,7 +10,7 @@ from robots.clearance import FootprintClearance, overlaps_batch
 from vuca_nav.types import LidarSpec, Pose2
 from worlds.arrays import pack_shapes
 from worlds.clearance import clearance_field, distance_to_wide_ways
-from worlds.level_scan import cast_level, level_columns
+from worlds.level_scan import MovingParts, Standing, cast_level, level_columns
 from worlds.motion.mover_columns import (
     DIRECTION,
     FIRST_WAYPOINT,
@@ -25,7 +25,7 @@ from worlds.motion.mover_columns import (
     WAYPOINTS,
 )
 from worlds.motion.movers import TICK, TURN_RATE, MoverField
-from worlds.motion.walk import PATIENCE, walk_batch
+from worlds.motion.walk import PATIENCE, MoverRows, PartRows, WideWays, walk_batch
 from worlds.raycast import RayCaster
 from worlds.registry import make_world
 from worlds.scenes.population import MOVER_WAY
@@ -45,8 +45,8 @@ def level_scan(shapes, pose, height=0.1, parts=(), part_poses=(), max_range=12.0
     places = np.array([(x, y, math.cos(yaw), math.sin(yaw)) for x, y, yaw in part_poses]).reshape(1, -1, 4)
     ranges = np.empty((1, NUM_BEAMS))
     cast_level(
-        ONE, np.array([pose], float), np.array([height]), static, ONE, np.array([0, len(shapes)]), moving, places,
-        np.array([len(parts)]), BEAMS, max_range, ranges,
+        ONE, np.array([pose], float), np.array([height]), ONE, Standing(static, np.array([0, len(shapes)])),
+        MovingParts(moving, places, np.array([len(parts)])), BEAMS, max_range, ranges,
     )  # fmt: skip
     return ranges[0]
 
@@ -148,8 +148,12 @@ def test_movers_walk_as_the_mover_field_has_it():
 
     def walk(ticks):
         walk_batch(
-            ONE, TICK, ticks, turn, np.array([m]), constants, state, headings, seeds, counters, np.zeros((1, m, 4)),
-            away.ravel(), shape, grid, ONE, waypoints, np.array([2 * m]), parts, owners, poses,
+            ONE, TICK, ticks, turn, ONE, WideWays(away.ravel(), shape, grid),
+            MoverRows(
+                np.array([m]), np.zeros((1, m), np.int64), constants, state, headings, seeds, counters,
+                np.zeros((1, m, 4)), waypoints,
+            ),
+            PartRows(np.array([2 * m]), parts, owners, poses),
         )  # fmt: skip
 
     walk(0)
