@@ -18,8 +18,20 @@ from robots.locomotion.model import GRAVITY, QuadrupedModel
 from robots.noise import NoiseConfig
 from train.locomotion.batch import Batch, SensorNoise
 from train.locomotion.floors import Floor, compile_model
-from train.locomotion.kernels import CRITIC_SIZE, NUM_NORMAL, NUM_UNIFORM, REWARDS, go_on, judge
+from train.locomotion.kernels import (
+    CRITIC_SIZE,
+    NUM_NORMAL,
+    NUM_UNIFORM,
+    Challenge,
+    Chance,
+    Observations,
+    PhysicsResult,
+    Verdict,
+    go_on,
+    judge,
+)
 from train.locomotion.randomise import Randomisation, randomise
+from train.locomotion.rewards import REWARDS, RewardWeights
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +112,11 @@ class LocomotionEnvironment:
         # Where a robot's place is taken modulo this, the floor is level: it always has the same sills around it.
         self._wrap = 0.5 * floor.length if config.num_sills else 50.0
         self._terms = np.zeros((n, len(REWARDS)))
+        self._physics = PhysicsResult(self._states[:, -1], self._sensors[:, -1], self._touch)
+        self._verdict = Verdict(self._reward, self._terminated, self._truncated, self._terms)
+        self._chance = Chance(self._uniform, self._normal)
+        self._observations = Observations(self._observation, self._privileged)
+        self._weights = RewardWeights()
         self._draw_bodies(np.arange(n))
 
     def new_floors(self, share: float) -> None:
@@ -131,20 +148,19 @@ class LocomotionEnvironment:
             self._models, self._datas, batch.state, self._control, nstep=self._substeps, skip_checks=True,
             state=self._states, sensordata=self._sensors,
         )  # fmt: skip
-        sensors = self._sensors[:, -1]
         judge(
-            self.model.legs, self.tuning, batch, self._states[:, -1], sensors, self._touch,
-            round(config.episode * config.control), self._reward, self._terminated, self._truncated, self._terms,
+            self.model.legs, self.tuning, batch, self._physics, self._weights,
+            round(config.episode * config.control), self._verdict,
         )  # fmt: skip
         if self._due.any():  # their episodes are over now, their next ones not yet begun
             self._draw_bodies(np.flatnonzero(self._due))
             self._due[:] = False
         low = np.array(config.command_range[0::2]) * self.difficulty
         high = np.array(config.command_range[1::2]) * self.difficulty
+        challenge = Challenge(low, high, config.push_speed * self.difficulty, config.push_interval, self._wrap)
         go_on(
-            self.model.legs, self.tuning, self._noise, batch, self._terminated | self._truncated, sensors, self._touch,
-            self._uniform, self._normal, low, high, config.push_speed * self.difficulty, config.push_interval,
-            self._wrap, self._observation, self._privileged,
+            self.model.legs, self.tuning, self._noise, batch, self._terminated | self._truncated, self._physics,
+            self._chance, challenge, self._observations,
         )  # fmt: skip
         return Transition(self._observation, self._privileged, self._reward, self._terminated, self._truncated)
 

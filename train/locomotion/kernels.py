@@ -1,6 +1,7 @@
 """One control step of a batch after the physics: reward and end of episode, then reset and the next observation."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -18,6 +19,16 @@ from robots.locomotion.kernels import (
 )
 from robots.locomotion.odometry import VELOCITY_GAIN
 from train.locomotion.batch import NUM_ERRORS
+from train.locomotion.rewards import (
+    LINEAR_FINE_WIDTH,
+    LINEAR_WIDTH,
+    MEAN_ERROR_WIDTH,
+    MEAN_YAW_SHARE,
+    REWARDS,
+    STAND_SPEED_SHARE,
+    YAW_FINE_WIDTH,
+    YAW_WIDTH,
+)
 
 CRITIC_SIZE = OBSERVATION_SIZE + 11
 """Observation, then velocity 3, height, contacts 4, slow tracking error 3."""
@@ -25,10 +36,6 @@ NUM_UNIFORM = 26
 """A reset takes so many."""
 NUM_NORMAL = 49
 """A sample of the sensors takes 29, their errors of an episode 20."""
-REWARDS = (
-    "linear", "linear_fine", "yaw", "yaw_fine", "mean_error", "clock", "alive", "bounce", "roll_pitch_rate", "tilt",
-    "height", "torque", "action_rate", "action_jerk", "hips", "slip", "clearance", "stand",
-)  # fmt: skip
 _FALL_UP = 0.5
 """Vertical part of base_link's z axis below which it has fallen: 60 degrees."""
 _CONTACT = 2.0
@@ -41,6 +48,79 @@ _SLOW = 0.5
 """Time constant of the slow tracking error [s]."""
 _NUM_SAMPLE = 29
 """Gyro 3, tilt 2, joint angles 12, joint speeds 12."""
+_STILL, _ONE_AXIS, _CORNER = 0.1, 0.4, 0.8
+"""A tenth of the commands stand still, three tenths move along one axis only, a fifth are near a corner."""
+_SHORTEST_COMMAND, _COMMAND_SPREAD = 60, 240.0
+"""A command is kept for so many control steps, and up to so many more: 1 to 5 s."""
+_DROP = 0.02
+"""Robots begin so far above their standing height [m]."""
+_FIRST_ANGLE, _FIRST_SPEED = 0.1, 0.4
+"""Largest deviation of the joints at the start [rad], and largest velocities there [m/s, rad/s]."""
+_HALF_LANE = 2.0
+"""A robot's place across its lane is taken modulo this [m]: the floor is the same all over it."""
+
+
+class PhysicsResult(NamedTuple):
+    """What MuJoCo's steps led to."""
+
+    states: np.ndarray
+    """(n, state size)"""
+    sensors: np.ndarray
+    """(n, sensor values)"""
+    touch: np.ndarray
+    """Where each foot's force is among the sensors, (4,)."""
+
+
+class Verdict(NamedTuple):
+    """How a control step is judged."""
+
+    reward: np.ndarray
+    """(n,)"""
+    terminated: np.ndarray
+    """(n,) fell."""
+    truncated: np.ndarray
+    """(n,) its time was up."""
+    terms: np.ndarray
+    """(n, terms), in the order of ``REWARDS``."""
+
+
+class Chance(NamedTuple):
+    """Random numbers of a control step."""
+
+    uniform: np.ndarray
+    """(n, NUM_UNIFORM)"""
+    normal: np.ndarray
+    """(n, NUM_NORMAL)"""
+
+
+class Challenge(NamedTuple):
+    """What the robots are asked to do and to bear."""
+
+    low: np.ndarray
+    """Of the commands, (3,)."""
+    high: np.ndarray
+    """Of the commands, (3,)."""
+    push_speed: float
+    """Largest sudden change of velocity [m/s]."""
+    push_interval: float
+    """Mean time between pushes [s]."""
+    wrap: float
+    """A robot's place along its lane is taken modulo this [m]."""
+
+
+class Observations(NamedTuple):
+    """What actor and critic see."""
+
+    observation: np.ndarray
+    """(n, OBSERVATION_SIZE)"""
+    privileged: np.ndarray
+    """(n, CRITIC_SIZE)"""
+
+
+(
+    _LINEAR, _LINEAR_FINE, _YAW, _YAW_FINE, _MEAN_ERROR, _CLOCK, _ALIVE, _BOUNCE, _ROLL_PITCH_RATE, _TILT, _HEIGHT,
+    _TORQUE, _ACTION_RATE, _ACTION_JERK, _HIPS, _SLIP, _CLEARANCE, _STAND,
+) = range(len(REWARDS))  # fmt: skip
 
 
 @njit(cache=True)
@@ -55,17 +135,17 @@ def _in_base(quaternion, v, out):
 
 @njit(cache=True)
 def _draw_command(u, low, high, out):
-    """A tenth of the commands stand still, three tenths move along one axis only, a fifth are near a corner."""
+    """A command from the range, with a share that stands still, moves along one axis, or is near a corner."""
     for k in range(3):
         out[k] = low[k] + (high[k] - low[k]) * u[k]
-    if u[3] < 0.1:
+    if u[3] < _STILL:
         out[:] = 0.0
-    elif u[3] < 0.4:
-        axis = int((u[3] - 0.1) * 10.0)
+    elif u[3] < _ONE_AXIS:
+        axis = int((u[3] - _STILL) * 10.0)  # three axes over three tenths
         for k in range(3):
             if k != axis:
                 out[k] = 0.0
-    elif u[3] > 0.8:  # density grows in proportion to the distance from the middle of the range
+    elif u[3] > _CORNER:  # density grows in proportion to the distance from the middle of the range
         for k in range(3):
             x = 2.0 * u[k] - 1.0
             share = 0.5 + 0.5 * math.copysign(math.sqrt(abs(x)), x)
@@ -73,17 +153,17 @@ def _draw_command(u, low, high, out):
 
 
 @njit(cache=True)
-def _reset(tuning, noise, batch, i, u, g, low, high):
+def _reset(tuning, noise, batch, i, u, g, challenge):
     state = batch.state[i]
     state[:] = 0.0
     yaw = math.pi * (2.0 * u[0] - 1.0)
-    state[3] = tuning.hip_height + 0.02
+    state[3] = tuning.hip_height + _DROP
     state[4], state[7] = math.cos(yaw / 2.0), math.sin(yaw / 2.0)
     for j in range(12):
-        state[8 + j] = tuning.nominal[j] + 0.1 * (2.0 * u[1 + j] - 1.0)
+        state[8 + j] = tuning.nominal[j] + _FIRST_ANGLE * (2.0 * u[1 + j] - 1.0)
     for k in range(3):
-        state[20 + k] = 0.4 * (2.0 * u[13 + k] - 1.0)
-        state[23 + k] = 0.4 * (2.0 * u[16 + k] - 1.0)
+        state[20 + k] = _FIRST_SPEED * (2.0 * u[13 + k] - 1.0)
+        state[23 + k] = _FIRST_SPEED * (2.0 * u[16 + k] - 1.0)
     batch.action[i] = 0.0
     batch.last_action[i] = 0.0
     batch.older_action[i] = 0.0
@@ -93,17 +173,29 @@ def _reset(tuning, noise, batch, i, u, g, low, high):
     batch.slow_error[i] = 0.0
     batch.command[i] = 0.0
     batch.clock[i, 0], batch.clock[i, 1] = u[19], 1.0 if u[20] < 0.5 else 0.0
-    _draw_command(u[21:25], low, high, batch.wanted[i])
+    _draw_command(u[21:25], challenge.low, challenge.high, batch.wanted[i])
     batch.age[i] = 0
-    batch.until_command[i] = 60 + int(240.0 * u[25])
+    batch.until_command[i] = _SHORTEST_COMMAND + int(_COMMAND_SPREAD * u[25])
     for k in range(NUM_ERRORS):
         sigma = noise.gyro_scale if k < 3 else noise.gyro_bias if k < 6 else noise.tilt if k < 8 else noise.joint_zero
         batch.sensor_errors[i, k] = sigma * g[_NUM_SAMPLE + k]
 
 
 @njit(cache=True)
-def judge(legs, tuning, batch, states, sensors, touch, episode, reward, terminated, truncated, terms):
-    """Reward and end of a control step whose physics is done; the batch and the last four arguments are changed."""
+def judge(legs, tuning, batch, physics, weights, episode, verdict):
+    """Reward and end of a control step whose physics is done.
+
+    Args:
+        legs: The robot's ``Legs``.
+        tuning: The robot's ``Tuning``.
+        batch: A ``Batch``; changed.
+        physics: A ``PhysicsResult``.
+        weights: ``RewardWeights``.
+        episode: Longest episode [control steps].
+        verdict: Output, a ``Verdict``.
+    """
+    states, sensors, touch = physics
+    reward, terminated, truncated, terms = verdict
     up, v_base, position, rolling, planar = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(2)
     floor_up, normal = np.empty(3), np.array([0.0, 0.0, 1.0])
     torque = np.empty(3)
@@ -155,24 +247,33 @@ def judge(legs, tuning, batch, states, sensors, touch, episode, reward, terminat
         slow[1] = keep * slow[1] + (1.0 - keep) * e_y
         slow[2] = keep * slow[2] + (1.0 - keep) * e_w
         linear2 = e_x * e_x + e_y * e_y
-        slow2 = slow[0] ** 2 + slow[1] ** 2 + (0.5 * slow[2]) ** 2
+        slow2 = slow[0] ** 2 + slow[1] ** 2 + (MEAN_YAW_SHARE * slow[2]) ** 2
         rate, jerk, hips, still = 0.0, 0.0, 0.0, 0.0
         for j in range(12):
             rate += (action[j] - batch.last_action[i, j]) ** 2
             jerk += (action[j] - 2.0 * batch.last_action[i, j] + batch.older_action[i, j]) ** 2
             if j % 3 == 0:
                 hips += (tuning.action_scale[j] * action[j]) ** 2
-            still += abs(state[8 + j] - tuning.nominal[j]) + 0.05 * abs(state[26 + j])
-        t = terms[i]
-        t[0], t[1] = math.exp(-linear2 / 0.25), 1.25 * math.exp(-linear2 / 0.015)
-        t[2], t[3] = 0.5 * math.exp(-e_w * e_w / 0.25), 2.0 * math.exp(-e_w * e_w / 0.03)
-        t[4] = math.exp(-slow2 / 0.01)
-        t[5], t[6] = 0.5 * matches / 4.0, 0.3
-        t[7], t[8] = -v_up * v_up, -0.05 * (gyro[0] ** 2 + gyro[1] ** 2)
-        t[9], t[10] = -10.0 * (floor_up[0] ** 2 + floor_up[1] ** 2), -40.0 * (height - tuning.hip_height) ** 2
-        t[11], t[12], t[13] = -1e-4 * effort, -0.02 * rate, -0.01 * jerk
-        t[14], t[15], t[16] = -0.3 * hips, -0.1 * slip, -15.0 * clearance
-        t[17] = -0.5 * still if clock[1] == 0.0 else 0.0
+            still += abs(state[8 + j] - tuning.nominal[j]) + STAND_SPEED_SHARE * abs(state[26 + j])
+        t, w = terms[i], weights
+        t[_LINEAR] = w.linear * math.exp(-linear2 / LINEAR_WIDTH)
+        t[_LINEAR_FINE] = w.linear_fine * math.exp(-linear2 / LINEAR_FINE_WIDTH)
+        t[_YAW] = w.yaw * math.exp(-e_w * e_w / YAW_WIDTH)
+        t[_YAW_FINE] = w.yaw_fine * math.exp(-e_w * e_w / YAW_FINE_WIDTH)
+        t[_MEAN_ERROR] = w.mean_error * math.exp(-slow2 / MEAN_ERROR_WIDTH)
+        t[_CLOCK] = w.clock * matches / 4.0
+        t[_ALIVE] = w.alive
+        t[_BOUNCE] = w.bounce * v_up * v_up
+        t[_ROLL_PITCH_RATE] = w.roll_pitch_rate * (gyro[0] ** 2 + gyro[1] ** 2)
+        t[_TILT] = w.tilt * (floor_up[0] ** 2 + floor_up[1] ** 2)
+        t[_HEIGHT] = w.height * (height - tuning.hip_height) ** 2
+        t[_TORQUE] = w.torque * effort
+        t[_ACTION_RATE] = w.action_rate * rate
+        t[_ACTION_JERK] = w.action_jerk * jerk
+        t[_HIPS] = w.hips * hips
+        t[_SLIP] = w.slip * slip
+        t[_CLEARANCE] = w.clearance * clearance
+        t[_STAND] = w.stand * still if clock[1] == 0.0 else 0.0
         total = 0.0
         for k in range(len(t)):
             total += t[k]
@@ -200,11 +301,23 @@ def judge(legs, tuning, batch, states, sensors, touch, episode, reward, terminat
 
 
 @njit(cache=True)
-def go_on(
-    legs, tuning, noise, batch, done, sensors, touch, uniform, normal, low, high, push_speed, push_interval, wrap,
-    observation, privileged,
-):  # fmt: skip
-    """Beginnings, pushes, new commands, and what the robots now see; batch and the last two arguments are changed."""
+def go_on(legs, tuning, noise, batch, done, physics, chance, challenge, observations):
+    """Beginnings, pushes, new commands, and what the robots now see.
+
+    Args:
+        legs: The robot's ``Legs``.
+        tuning: The robot's ``Tuning``.
+        noise: A ``SensorNoise``.
+        batch: A ``Batch``; changed.
+        done: Whose episode is over, (n,).
+        physics: A ``PhysicsResult``.
+        chance: A ``Chance``.
+        challenge: A ``Challenge``.
+        observations: Output, a ``Observations``.
+    """
+    uniform, normal = chance
+    observation, privileged = observations
+    push_speed, wrap = challenge.push_speed, challenge.wrap
     up, v_base, planar = np.empty(3), np.empty(3), np.empty(2)
     noisy_gyro, noisy_up, q, dq = np.empty(3), np.empty(3), np.empty(12), np.empty(12)
     clean = np.empty(OBSERVATION_SIZE)
@@ -212,22 +325,22 @@ def go_on(
         state, u, g = batch.state[i], uniform[i], normal[i]
         command, clock, gyro = batch.command[i], batch.clock[i], state[23:26]
         if done[i]:
-            _reset(tuning, noise, batch, i, u, g, low, high)
+            _reset(tuning, noise, batch, i, u, g, challenge)
             batch.height[i] = tuning.hip_height
         else:
             batch.until_command[i] -= 1
             if batch.until_command[i] <= 0:
-                _draw_command(u[0:4], low, high, batch.wanted[i])
-                batch.until_command[i] = 60 + int(240.0 * u[4])
-            if u[5] < tuning.dt / push_interval:
+                _draw_command(u[0:4], challenge.low, challenge.high, batch.wanted[i])
+                batch.until_command[i] = _SHORTEST_COMMAND + int(_COMMAND_SPREAD * u[4])
+            if u[5] < tuning.dt / challenge.push_interval:
                 angle, speed = 2.0 * math.pi * u[6], push_speed * u[7]
                 state[20] += speed * math.cos(angle)
                 state[21] += speed * math.sin(angle)
                 state[25] += push_speed * (u[8] - 0.5)
             if abs(state[1]) > wrap:
                 state[1] -= math.copysign(2.0 * wrap, state[1])
-            if abs(state[2]) > 2.0:
-                state[2] -= math.copysign(2.0, state[2])
+            if abs(state[2]) > _HALF_LANE:
+                state[2] -= math.copysign(_HALF_LANE, state[2])
 
         # -- what the robot now measures, as robots.locomotion.odometry.LegSensors, estimates and is told
         _in_base(state[4:8], batch.up_world[i], up)
@@ -262,7 +375,8 @@ def go_on(
         privileged[i, n], privileged[i, n + 1], privileged[i, n + 2] = v_base[0], v_base[1], v_base[2]
         privileged[i, n + 3] = batch.height[i]
         for leg in range(4):
-            privileged[i, n + 4 + leg] = 1.0 if sensors[i, touch[leg]] > _CONTACT and not done[i] else 0.0
+            touches = physics.sensors[i, physics.touch[leg]] > _CONTACT
+            privileged[i, n + 4 + leg] = 1.0 if touches and not done[i] else 0.0
         for k in range(3):
             privileged[i, n + 8 + k] = batch.slow_error[i, k]
 

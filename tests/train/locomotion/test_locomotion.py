@@ -28,8 +28,9 @@ from train.locomotion.config import GAIT_PPO, Stage, TrainingConfig
 from train.locomotion.environment import EnvironmentConfig, LocomotionEnvironment
 from train.locomotion.evaluate import CONTROL, Track, prepare_out, tracking_errors
 from train.locomotion.floors import Floor
-from train.locomotion.kernels import CRITIC_SIZE, FALL_COST, NUM_NORMAL, NUM_UNIFORM, REWARDS, _reset
+from train.locomotion.kernels import CRITIC_SIZE, FALL_COST, NUM_NORMAL, NUM_UNIFORM, Challenge, _reset
 from train.locomotion.policy import Normaliser, action_mirror, observation_mirror, privileged_mirror
+from train.locomotion.rewards import REWARDS
 from train.locomotion.training import make_learner
 from vuca_nav.errors import BadArgument
 from vuca_nav.types import VelocityCommand
@@ -132,18 +133,18 @@ def test_encoder_errors_are_drawn_apart_from_all_else():
     tuning = QuadrupedModel(GO2).tuning(1.0 / 60.0)
     noise = SensorNoise.of(NoiseConfig(), 1.0 / 60.0, 1.0)
     batch = Batch.zeros(1, 38)
-    high = np.ones(3)
+    challenge = Challenge(-np.ones(3), np.ones(3), 0.0, 3.0, 50.0)
     u, g = np.random.default_rng(0).random(NUM_UNIFORM), np.random.default_rng(1).normal(size=NUM_NORMAL)
-    _reset(tuning, noise, batch, 0, u, g, -high, high)
+    _reset(tuning, noise, batch, 0, u, g, challenge)
     errors, start, wanted = batch.sensor_errors.copy(), batch.state.copy(), batch.wanted.copy()
     g[:] = np.random.default_rng(2).normal(size=NUM_NORMAL)
-    _reset(tuning, noise, batch, 0, u, g, -high, high)
+    _reset(tuning, noise, batch, 0, u, g, challenge)
     assert (batch.sensor_errors != errors).all()
     assert (batch.state == start).all()
     assert (batch.wanted == wanted).all()
     errors[:] = batch.sensor_errors
     u[:] = np.random.default_rng(3).random(NUM_UNIFORM)
-    _reset(tuning, noise, batch, 0, u, g, -high, high)
+    _reset(tuning, noise, batch, 0, u, g, challenge)
     assert (batch.sensor_errors == errors).all()
 
 
