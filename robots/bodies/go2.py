@@ -37,7 +37,7 @@ GO2 = QuadrupedConfig(
         max_a_x=2.0,
         max_a_y=2.0,
         max_a_w=5.0,
-        delay=0.11,  # between v_x's and v_y's of docs/locomotion/response_go2.json
+        delay=0.11,  # between v_x's and v_y's of responses/go2.json
     ),
     lidar=LidarSpec(height=0.37),
     urdf="go2_description/urdf/go2.urdf",

@@ -1,7 +1,7 @@
 """How a body's velocity follows its command: gain, lag, delay and noise of each axis, identified in MuJoCo.
 
 The training arena moves its robots by this model; evaluation runs the body itself. Run as
-``python -m train.analysis.response --robot go2 --out DIR``.
+``python -m train.analysis.response --robot go2 --out DIR``; what it writes is kept as robots/bodies/responses/go2.json.
 """
 
 import json

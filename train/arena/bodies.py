@@ -1,7 +1,10 @@
 """The bodies of the arena: TIAGo and Go2 as identified in MuJoCo, and others around and beyond them."""
 
+import json
 import math
 from dataclasses import dataclass
+from decimal import Decimal
+from importlib.resources import files
 
 import numpy as np
 from numpy.random import Generator
@@ -51,17 +54,34 @@ class ArenaBody:
     """Half the distance of the drive wheels; 0 for a body whose axes do not limit each other [m]."""
 
 
+def identified_response(robot: str) -> FloatArray:
+    """How a robot's velocity follows its command, as ``train.analysis.response`` found it in MuJoCo.
+
+    Rounded to thousandths: no identification is more exact. An axis that the robot does not have follows as fast as
+    v_x does.
+
+    Args:
+        robot: Its name.
+
+    Returns:
+        (3, 4): of v_x, v_y and w_z the gain, lag [s], delay [s] and noise [m/s or rad/s].
+    """
+    text = (files("robots.bodies") / "responses" / f"{robot}.json").read_text()
+    axes = json.loads(text, parse_float=lambda number: float(round(Decimal(number), 3)))
+    absent = {"gain": 1.0, "lag": axes["v_x"]["lag"], "delay": 0.0, "noise": 0.0}
+    columns = ("gain", "lag", "delay", "noise")
+    return np.array([[axes.get(axis, absent)[column] for column in columns] for axis in ("v_x", "v_y", "w_z")])
+
+
 def tiago() -> ArenaBody:
-    """TIAGo, with the response that python -m train.analysis.response measured."""
+    """TIAGo as it was identified."""
     spec = BodySpec("tiago", FOOTPRINT, MAX_V_X, MIN_V_X, 0.0, MAX_W_Z, MAX_A_X, 0.0, MAX_A_W)
-    response = np.array([(1.005, 0.022, 0.0, 0.011), (1.0, 0.022, 0.0, 0.0), (1.013, 0.023, 0.0, 0.017)])
-    return ArenaBody(spec, response, TIAGO_LIDAR.height, HEIGHT, WHEEL_SEPARATION / 2.0)
+    return ArenaBody(spec, identified_response("tiago"), TIAGO_LIDAR.height, HEIGHT, WHEEL_SEPARATION / 2.0)
 
 
 def go2() -> ArenaBody:
-    """The Go2, with the response that python -m train.analysis.response measured."""
-    response = np.array([(1.092, 0.002, 0.088, 0.084), (1.163, 0.034, 0.124, 0.054), (1.035, 0.002, 0.023, 0.054)])
-    return ArenaBody(GO2.spec, response, GO2.lidar.height, GO2.height)
+    """Go2 as it was identified."""
+    return ArenaBody(GO2.spec, identified_response("go2"), GO2.lidar.height, GO2.height)
 
 
 def random_body(rng: Generator) -> ArenaBody:

@@ -277,6 +277,6 @@ def test_the_lidar_tilts_with_the_body(walker):
 
 def test_the_stack_is_told_the_delay_that_was_measured(go2):
     """Of forward and sideways motion; within a tick of the loop."""
-    measured = json.loads((Path(__file__).parents[3] / "docs/locomotion/response_go2.json").read_text())
+    measured = json.loads((Path(__file__).parents[3] / "robots/bodies/responses/go2.json").read_text())
     for axis in ("v_x", "v_y"):
         assert go2.spec.delay == pytest.approx(measured[axis]["delay"], abs=1.0 / 30.0)
