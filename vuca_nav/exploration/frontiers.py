@@ -1,4 +1,4 @@
-"""Frontiers: free cells beside unknown ones (P_boundary, Section III-C), gathered into candidates."""
+"""Frontiers: free cells beside unknown ones (P_boundary; Zhang et al., Section III-C), gathered into candidates."""
 
 from typing import NamedTuple
 
@@ -11,14 +11,14 @@ from vuca_nav.types import FloatArray
 
 
 class Frontiers(NamedTuple):
-    """Candidate exploration points, n of them."""
+    """Candidate exploration points; n is their number."""
 
     points_in_map: FloatArray
     """(n, 2) the boundary cell nearest to the middle of each piece of frontier [m]."""
     approach_in_map: FloatArray
-    """(n, 2) where the body can stand to look at it [m]."""
+    """(n, 2) point near each at which the body can stand [m]."""
     path_lengths: FloatArray
-    """(n,) from the robot to there [m]."""
+    """(n,) length of the path from the robot to the approach [m]."""
 
 
 APPROACH = 0.6
@@ -29,21 +29,21 @@ to the wall to drive to, now and then, and a choice that comes and goes makes th
 def find_frontiers(
     costmap: Costmap, field: PathField, min_length: float, max_length: float, clearance: float
 ) -> Frontiers:
-    """Candidate exploration points.
+    """Find the candidate exploration points.
 
     Boundary cells too near to something occupied do not count: the body would not fit through, and a wall seen at a
     grazing angle is a dotted line with just such gaps. Connected ones form a frontier; one longer than ``max_length``
     gives a candidate for each piece of that length, so that a wide opening is not judged by its middle alone.
 
     Args:
-        costmap: The map, coarse.
+        costmap: The inflated grid.
         field: Paths from the robot.
         min_length: Frontiers of fewer cells than this length holds are noise [m].
-        max_length: [m]
-        clearance: From something occupied that a boundary cell must have, the body's radius as a rule [m].
+        max_length: Longest piece that one candidate stands for [m].
+        clearance: Clearance that a boundary cell must have, as a rule the body's radius [m].
 
     Returns:
-        Those that the body can come near to.
+        The candidates that the body can come near to.
     """
     step = costmap.resolution
     cells = _candidates(
@@ -62,34 +62,38 @@ def find_frontiers(
 
 
 @njit(cache=True)
-def _is_boundary(state, clearance, least, i, j):
-    """Free, beside (4 neighbours) an unknown cell, and not too near to something occupied."""
-    if state[i, j] != 1 or clearance[i, j] < least:
-        return False
+def _boundary(state, clearance, least):
+    """Mask of the free cells beside (4 neighbours) an unknown one that are not too near to something occupied."""
     rows, columns = state.shape
-    return (
-        (i > 0 and state[i - 1, j] == 0)
-        or (i + 1 < rows and state[i + 1, j] == 0)
-        or (j > 0 and state[i, j - 1] == 0)
-        or (j + 1 < columns and state[i, j + 1] == 0)
-    )
+    boundary = np.zeros((rows, columns), np.bool_)
+    for i in range(rows):
+        for j in range(columns):
+            if state[i, j] != 1 or clearance[i, j] < least:
+                continue
+            boundary[i, j] = (
+                (i > 0 and state[i - 1, j] == 0)
+                or (i + 1 < rows and state[i + 1, j] == 0)
+                or (j > 0 and state[i, j - 1] == 0)
+                or (j + 1 < columns and state[i, j + 1] == 0)
+            )
+    return boundary
 
 
 @njit(cache=True)
 def _candidates(state, clearance, least, cost, unreached, min_cells, max_cells, reach):
-    """(n, 4) row and column of where to stand, then of the boundary cell."""
+    """Find the candidates, (n, 4): row and column of the approach, then of the boundary cell."""
     rows, columns = state.shape
-    seen = np.zeros((rows, columns), np.bool_)
+    waiting = _boundary(state, clearance, least)
     stack = np.empty((rows * columns, 2), np.int32)
     piece = np.empty((rows * columns, 2), np.int32)
     result = np.empty((rows * columns // max(min_cells, 1) + 1, 4), np.int64)
     count = 0
     for i0 in range(rows):
         for j0 in range(columns):
-            if seen[i0, j0] or not _is_boundary(state, clearance, least, i0, j0):
+            if not waiting[i0, j0]:
                 continue
             # Flood the frontier; since the flood is a walk along it, runs of it are connected enough to cut it up.
-            seen[i0, j0] = True
+            waiting[i0, j0] = False
             stack[0, 0], stack[0, 1] = i0, j0
             top = 1
             size = 0
@@ -100,8 +104,8 @@ def _candidates(state, clearance, least, cost, unreached, min_cells, max_cells, 
                 size += 1
                 for a in range(max(i - 1, 0), min(i + 2, rows)):
                     for b in range(max(j - 1, 0), min(j + 2, columns)):
-                        if not seen[a, b] and _is_boundary(state, clearance, least, a, b):
-                            seen[a, b] = True
+                        if waiting[a, b]:
+                            waiting[a, b] = False
                             stack[top, 0], stack[top, 1] = a, b
                             top += 1
             if size < min_cells:

@@ -1,1 +1,1 @@
-"""Mapping (30 Hz): laser SLAM on occupancy grids (Section III-C, SLAM-based mapping)."""
+"""Mapping (30 Hz): laser SLAM on occupancy grids (Zhang et al., Section III-C, SLAM-based mapping)."""

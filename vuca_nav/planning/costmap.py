@@ -16,12 +16,12 @@ NOTHING_MOVES: FloatArray = np.empty((0, 3))
 
 @dataclass(frozen=True, slots=True)
 class CostmapConfig:
-    """How near to obstacles a path may and should pass."""
+    """Settings of the costmap: how near to obstacles a path may and should pass."""
 
     downsample: int = 2
     """Map cells to a costmap cell, each way: 0.05 m to 0.1 m."""
     margin: float = 0.07
-    """Room between the footprint's circumscribed circle and an obstacle's cell that a path needs [m]."""
+    """Clearance of the footprint's circumscribed circle from an obstacle's cell that a path needs [m]."""
     comfort: float = 0.75
     """Clearance from which on nearness costs nothing [m]."""
     comfort_weight: float = 3.0
@@ -31,21 +31,21 @@ class CostmapConfig:
     own_cells: float = 0.25
     """Occupied cells this near to a moving track's circle are its own [m]."""
     memory: int = 60
-    """Small things that so many scans have neither confirmed nor changed may have walked away: 2 s at 30 Hz."""
+    """Small obstacles that so many scans have neither confirmed nor changed may have moved away: 2 s at 30 Hz."""
     small: float = 1.5
-    """No larger than this, each way [m]."""
+    """An obstacle is small if it extends over no more than this, each way [m]."""
 
 
 class Costmap:
     """A snapshot of the navigation grid, coarser, with clearances, and without moving tracks.
 
     Args:
-        grid: What is known.
-        radius: Of the body [m].
-        robot: Where it is in the map [m].
+        grid: The navigation grid.
+        radius: Radius of the body [m].
+        robot: Position of the robot in the map [m].
         config: Settings.
         moving: (m, 3) x, y in the map and radius of the tracks that surely move [m].
-        doubting: Lead paths through what may have walked away, too. What it hid is not a frontier for that.
+        doubting: Paths lead through small obstacles that may have moved away, too. What those hid is no frontier.
 
     Attributes:
         state: (rows, columns) int8 of UNKNOWN, FREE, OCCUPIED.
@@ -78,7 +78,7 @@ class Costmap:
         i1, j1 = min(i1 + margin + 1, rows), min(j1 + margin + 1, columns)
         self.origin = (grid.origin[0] + j0 * grid.resolution, grid.origin[1] + i0 * grid.resolution)
         self.radius = radius
-        level = grid.level[i0:i1, j0:j1]
+        level = np.ascontiguousarray(grid.level[i0:i1, j0:j1])
         self.state: NDArray[np.int8] = _coarsen(level, config.downsample)
         _leave_out(self.state, self.origin, step, moving, config.own_cells)
         passable = self.state
@@ -128,16 +128,20 @@ def _coarsen(level, factor):
     """A coarse cell is occupied if any of its cells is, free if half of them are."""
     rows, columns = level.shape[0] // factor, level.shape[1] // factor
     state = np.empty((rows, columns), np.int8)
+    free, occupied = np.empty(columns * factor, np.int32), np.empty(columns * factor, np.int32)
     for i in range(rows):
+        free[:], occupied[:] = 0, 0
+        for a in range(factor * i, factor * (i + 1)):
+            line = level[a]
+            for j in range(columns * factor):
+                free[j] += line[j] < 0
+                occupied[j] += line[j] > 0
         for j in range(columns):
-            free = 0
-            occupied = False
-            for a in range(factor * i, factor * (i + 1)):
-                for b in range(factor * j, factor * (j + 1)):
-                    value = level[a, b]
-                    occupied = occupied or value > 0
-                    free += value < 0
-            state[i, j] = 2 if occupied else (1 if 2 * free >= factor * factor else 0)
+            num_free = num_occupied = 0
+            for b in range(factor * j, factor * (j + 1)):
+                num_free += free[b]
+                num_occupied += occupied[b]
+            state[i, j] = 2 if num_occupied > 0 else (1 if 2 * num_free >= factor * factor else 0)
     return state
 
 
@@ -190,37 +194,36 @@ def _chamfer(state, cap):
     """Distance to the nearest occupied cell by the 5-7 chamfer (Borgefors 1986), at most 8% too far, capped."""
     rows, columns = state.shape
     d = np.empty((rows, columns), np.int16)
+    # Each row takes first from the row before, which vectorises, then from its own neighbour.
+    before = np.full(columns + 2, cap, np.int16)
     for i in range(rows):
+        here = d[i]
+        left, middle, right = before[:columns], before[1 : columns + 1], before[2:]
         for j in range(columns):
-            best = 0 if state[i, j] == 2 else cap
-            if best > 0:
-                if i > 0:
-                    best = min(best, d[i - 1, j] + 5)
-                    if j > 0:
-                        best = min(best, d[i - 1, j - 1] + 7)
-                    if j + 1 < columns:
-                        best = min(best, d[i - 1, j + 1] + 7)
-                if j > 0:
-                    best = min(best, d[i, j - 1] + 5)
-            d[i, j] = best
+            least = min(min(min(left[j], right[j]) + 7, middle[j] + 5), cap)
+            here[j] = 0 if state[i, j] == 2 else least
+        least = cap
+        for j in range(columns):
+            least = min(least + 5, here[j])
+            here[j] = least
+        before[1 : columns + 1] = here
+    before[:] = cap
     for i in range(rows - 1, -1, -1):
+        here = d[i]
+        left, middle, right = before[:columns], before[1 : columns + 1], before[2:]
+        for j in range(columns):
+            here[j] = min(min(min(left[j], right[j]) + 7, middle[j] + 5), here[j])
+        least = cap
         for j in range(columns - 1, -1, -1):
-            best = d[i, j]
-            if best > 0:
-                if i + 1 < rows:
-                    best = min(best, d[i + 1, j] + 5)
-                    if j + 1 < columns:
-                        best = min(best, d[i + 1, j + 1] + 7)
-                    if j > 0:
-                        best = min(best, d[i + 1, j - 1] + 7)
-                if j + 1 < columns:
-                    best = min(best, d[i, j + 1] + 5)
-                d[i, j] = best
+            least = min(least + 5, here[j])
+            here[j] = least
+        before[1 : columns + 1] = here
     return d
 
 
 @njit(cache=True)
 def _weigh(state, clearance, lethal, comfort, comfort_weight, unit, escape_weight, robot_i, robot_j, escape):
+    """Weigh each cell by its clearance: the cost of entering it, 0 where a path must not go."""
     rows, columns = state.shape
     weight = np.zeros((rows, columns), np.int16)
     for i in range(rows):

@@ -38,7 +38,7 @@ class PathField:
         return self.costmap.contains(i, j) and bool(self.cost[i, j] != UNREACHED)
 
     def path_to(self, x: float, y: float) -> FloatArray:
-        """The cheapest path, (n, 2) [m] from the start to the point itself; (0, 2) if there is none."""
+        """The cheapest path from the start to the point itself, (n, 2) [m]; (0, 2) if there is none."""
         if not self.reaches(x, y):
             return np.empty((0, 2))
         i, j = self.costmap.cell(x, y)
@@ -50,14 +50,14 @@ class PathField:
         return points
 
     def on_the_way(self, points_in_map: FloatArray, length: float) -> FloatArray:
-        """Where the cheapest paths to points lead first.
+        """Find the points at a given length along the cheapest paths.
 
         Args:
-            points_in_map: (n, 2) that are reached [m].
-            length: [m]
+            points_in_map: (n, 2) points that are reached [m].
+            length: Length along the paths [m].
 
         Returns:
-            (n, 2) the points so far along the paths; of a shorter path its end [m].
+            (n, 2) the point of each path at that length, or its end if it is shorter [m].
         """
         cells = np.array([self.costmap.cell(x, y) for x, y in points_in_map], np.int64).reshape(-1, 2)
         steps = 5.0 * length / self.costmap.resolution
@@ -72,28 +72,43 @@ class PathField:
 
 @njit(cache=True)
 def _dijkstra(weight, start_i, start_j, di, dj, length):
-    """Dial's algorithm: integer costs, a ring of buckets, each a linked list of entries."""
+    """Dial's algorithm: integer costs, a ring of buckets, each a linked list of entries.
+
+    Returns:
+        (rows, columns) int32 costs, and (rows, columns) int8 index of the step by which each cell was reached, -1 where
+        there is none. Of equally cheap ways the one found first stays.
+    """
     rows, columns = weight.shape
-    cost = np.full((rows, columns), 2**31 - 1, np.int32)
-    came_by = np.full((rows, columns), -1, np.int8)
+    # A border that no path enters saves asking for the array's ends; cells are numbered row by row.
+    width = columns + 2
+    size = (rows + 2) * width
+    weights = np.zeros(size, np.int32)
     max_weight = 1
     for i in range(rows):
+        row = (i + 1) * width + 1
         for j in range(columns):
-            max_weight = max(max_weight, weight[i, j])
+            w = weight[i, j]
+            weights[row + j] = w
+            max_weight = max(max_weight, w)
+    offsets, turns, aside = np.empty(8, np.int64), np.empty(8, np.int64), np.empty(8, np.int64)
+    for k in range(8):
+        offsets[k] = di[k] * width + dj[k]
+        turns[k], aside[k] = di[k] * width, dj[k]
+    costs = np.full(size, 2**31 - 1, np.int32)
+    steps = np.full(size, -1, np.int8)
     num_buckets = 7 * max_weight + 1
     head = np.full(num_buckets, -1, np.int32)
     entry_cell = np.empty(4 * rows * columns + 8, np.int32)
     entry_next = np.empty(4 * rows * columns + 8, np.int32)
     free_entry = -1  # entries that were taken out are used again
-    used = 0
-    cost[start_i, start_j] = 0
-    entry_cell[0], entry_next[0] = start_i * columns + start_j, -1
+    start = (start_i + 1) * width + start_j + 1
+    costs[start] = 0
+    entry_cell[0], entry_next[0] = start, -1
     head[0] = 0
     used = 1
     waiting = 1
-    current = 0
+    current = bucket = 0
     while waiting > 0:
-        bucket = current % num_buckets
         while head[bucket] != -1:
             entry = head[bucket]
             head[bucket] = entry_next[entry]
@@ -101,30 +116,43 @@ def _dijkstra(weight, start_i, start_j, di, dj, length):
             entry_next[entry] = free_entry
             free_entry = entry
             waiting -= 1
-            i, j = cell // columns, cell % columns
-            if cost[i, j] != current:
+            if costs[cell] != current:
                 continue  # was reached more cheaply meanwhile
             for k in range(8):
-                a, b = i + di[k], j + dj[k]
-                if a < 0 or b < 0 or a >= rows or b >= columns or weight[a, b] == 0:
+                other = cell + offsets[k]
+                w = weights[other]
+                if w == 0:
                     continue
-                if k >= 4 and (weight[i, b] == 0 or weight[a, j] == 0):
+                new = current + length[k] * w
+                if new >= costs[other]:
+                    continue
+                if k >= 4 and (weights[cell + aside[k]] == 0 or weights[cell + turns[k]] == 0):
                     continue  # no cutting of corners
-                new = current + length[k] * weight[a, b]
-                if new < cost[a, b]:
-                    cost[a, b] = new
-                    came_by[a, b] = k
-                    if free_entry != -1:
-                        entry = free_entry
-                        free_entry = entry_next[entry]
-                    else:
-                        entry = used
-                        used += 1
-                    entry_cell[entry] = a * columns + b
-                    entry_next[entry] = head[new % num_buckets]
-                    head[new % num_buckets] = entry
-                    waiting += 1
+                costs[other] = new
+                steps[other] = k
+                if free_entry != -1:
+                    entry = free_entry
+                    free_entry = entry_next[entry]
+                else:
+                    entry = used
+                    used += 1
+                ahead = bucket + new - current
+                if ahead >= num_buckets:
+                    ahead -= num_buckets
+                entry_cell[entry] = other
+                entry_next[entry] = head[ahead]
+                head[ahead] = entry
+                waiting += 1
         current += 1
+        bucket += 1
+        if bucket == num_buckets:
+            bucket = 0
+    cost = np.empty((rows, columns), np.int32)
+    came_by = np.empty((rows, columns), np.int8)
+    for i in range(rows):
+        row = (i + 1) * width + 1
+        cost[i] = costs[row : row + columns]
+        came_by[i] = steps[row : row + columns]
     return cost, came_by
 
 
@@ -163,6 +191,7 @@ def _cells_on_the_way(came_by, cells, most, di, dj, length):
 
 @njit(cache=True)
 def _trace_length(came_by, i, j, di, dj, length):
+    """Length of the way to a cell, in fifths of a cell."""
     total = 0
     while came_by[i, j] >= 0:
         k = came_by[i, j]

@@ -1,4 +1,7 @@
-"""Sparse waypoints: the farthest point of the path that the body can reach in a straight line (Section III-C)."""
+"""Sparse waypoints: the farthest point of the path that the body can reach in a straight line.
+
+They are those of Zhang et al., Section III-C.
+"""
 
 import math
 
@@ -14,12 +17,12 @@ def farthest_free_waypoint(
     """The farthest point of the path with no static obstacle on the straight line to it.
 
     Args:
-        costmap: What is free.
+        costmap: The inflated grid.
         path_in_map: (n, 2), n >= 1, from the robot to its target [m].
-        robot: Where the robot is now [m].
+        robot: Position of the robot in the map [m].
 
     Returns:
-        The point in the map. From a spot too tight for any straight line: where the path leaves it.
+        The point in the map [m]. From a spot too tight for any straight line it is where the path leaves that spot.
     """
     cells = (path_in_map - costmap.origin) / costmap.resolution
     k = _farthest(
@@ -35,6 +38,7 @@ def farthest_free_waypoint(
 
 @njit(cache=True)
 def _farthest(weight, clearance, escape_weight, cells, robot_i, robot_j):
+    """Index of the farthest point of the path that a free straight line leads to."""
     n = len(cells)
     for k in range(n - 1, 0, -1):
         if line_is_free(weight, clearance, escape_weight, robot_i, robot_j, cells[k, 1], cells[k, 0]):
@@ -48,7 +52,7 @@ def _farthest(weight, clearance, escape_weight, cells, robot_i, robot_j):
 
 @njit(cache=True)
 def line_is_free(weight, clearance, escape_weight, i0, j0, i1, j1):
-    """Whether the body can go straight from one point to another, both in fractional rows and columns.
+    """Tell whether the body can go straight from one point to another, both in fractional rows and columns.
 
     Cells too near an obstacle are allowed only at the beginning, and only while they lead away from it.
     """
