@@ -36,16 +36,16 @@ TIE = 1e-12
 
 @dataclass(frozen=True, slots=True)
 class ScanMatcherConfig:
-    """Windows and weights."""
+    """Settings of the scan matcher: windows of the search, weights of the refinement."""
 
     linear_window: float = 0.05
     """Half width of the search [m]: between two scans at 30 Hz odometry errs by millimetres."""
     angular_window: float = math.radians(1.0)
-    """[rad]"""
+    """Half width of the search in yaw [rad]."""
     linear_step: float = 0.025
-    """[m]"""
+    """Step of the search along x and y [m]."""
     angular_step: float = math.radians(0.5)
-    """[rad]"""
+    """Step of the search in yaw [rad]."""
     search_stride: int = 3
     """The search looks at every so many returns."""
     recovery_factor: float = 4.0
@@ -68,7 +68,7 @@ class ScanMatcherConfig:
 
 
 class Match(NamedTuple):
-    """Where the scan fits, and how well."""
+    """The pose at which a scan fits, and how well it does."""
 
     map_from_base: Pose2
     score: float
