@@ -1,12 +1,14 @@
 """Exact clearance of a robot's footprint to upright shapes, for metrics and for the simulation's own use."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from vuca_nav.types import FloatArray
 from worlds.arrays import ShapeArrays
+from worlds.level_scan import level_columns
 
 
 class FootprintClearance:
@@ -55,12 +57,16 @@ class FootprintClearance:
         )
 
 
+_BOUND = 7
+"""Column of ``level_columns`` with the radius of the circle that holds the shape."""
+
+
 def _packed(shapes: ShapeArrays, height: float) -> FloatArray:
-    """Rows of x, y, cos, sin, half length, half width, is a cylinder, bounding radius (-1: out of reach)."""
-    radius = np.where(shapes.is_cylinder, shapes.half[:, 0], np.hypot(shapes.half[:, 0], shapes.half[:, 1]))
-    radius = np.where((shapes.z[:, 0] < height) & (shapes.z[:, 1] > 0.0), radius, -1.0)
-    cos, sin = np.cos(shapes.yaw), np.sin(shapes.yaw)
-    return np.column_stack([shapes.centre, cos, sin, shapes.half, shapes.is_cylinder.astype(float), radius])
+    """The first eight of ``level_columns``; the bounding radius of what the robot cannot touch is -1."""
+    columns = level_columns(shapes)[:, : _BOUND + 1]
+    within_reach = (shapes.z[:, 0] < height) & (shapes.z[:, 1] > 0.0)
+    columns[:, _BOUND] = np.where(within_reach, columns[:, _BOUND], -1.0)
+    return columns
 
 
 @njit(cache=True)
@@ -165,39 +171,66 @@ def _segment_meets_box(ax, ay, bx, by, half_x, half_y):
     return abs(nx * ax + ny * ay) <= abs(nx) * half_x + abs(ny) * half_y
 
 
+class Outlines(NamedTuple):
+    """Footprints and heights of n robots."""
+
+    footprints: np.ndarray
+    """Convex outlines in base_link, counter-clockwise (n, c, 2) [m]."""
+    corners: np.ndarray
+    """How many corners each has (n,)."""
+    radii: np.ndarray
+    """Of the circles about base_link that hold them (n,) [m]."""
+    heights: np.ndarray
+    """Of the robots (n,) [m]."""
+
+
+class StaticScenes(NamedTuple):
+    """What stands still in several layouts, one layout after the other."""
+
+    shapes: np.ndarray
+    """Columns as ``worlds.level_scan.level_columns`` gives them (s, 10)."""
+    first: np.ndarray
+    """Where a layout's shapes begin, and where the last one's end (layouts + 1,)."""
+    distance: np.ndarray
+    """Clearance on all layouts' grids (cells,) [m]."""
+    grid_shape: np.ndarray
+    """Where each layout's grid begins, its rows and its columns (layouts, 3)."""
+    grids: np.ndarray
+    """Origin and resolution of each layout's grid (layouts, 3) [m]."""
+
+
+class MovingParts(NamedTuple):
+    """Parts of the moving obstacles around each of n robots, over some ticks."""
+
+    shapes: np.ndarray
+    """Columns as ``worlds.level_scan.level_columns`` gives them; the first four are not read (n, p, 10)."""
+    poses: np.ndarray
+    """x, y, cos, sin in the world at each tick (n, ticks, p, 4) [m]."""
+    counts: np.ndarray
+    """How many of the p parts there are (n,)."""
+
+
 @njit(cache=True, nogil=True)
-def overlaps_batch(
-    rows, poses, footprints, corners, radii, heights, static, layout, first, distance, grid_shape, grids,
-    parts, part_poses, num_parts, hit, moved,
-):  # fmt: skip
-    """The first tick at which each robot's footprint overlaps anything, by the rule of ``FootprintClearance``.
+def overlaps_batch(rows, poses, outlines, scenes, layout, parts, hit, moved):
+    """Find the first tick at which each robot's footprint overlaps anything, by the rule of ``FootprintClearance``.
 
     Args:
         rows: Which robots, (k,).
         poses: x, y, yaw of base_link at each tick, (n, ticks, 3) [m, rad].
-        footprints: Convex outlines in base_link, counter-clockwise, (n, c, 2) [m].
-        corners: How many corners each has, (n,).
-        radii: Of the circles about base_link that hold them, (n,) [m].
-        heights: Of the robots [m], (n,).
-        static: Columns of what stands still in all layouts, as ``worlds.level_scan.level_columns`` gives them, (s, 10).
-        layout: Of each robot, (n,).
-        first: Where a layout's shapes begin in ``static``, and where the last one's end, (layouts + 1,).
-        distance: To what stands still, on all layouts' grids, one after the other, (cells,) [m].
-        grid_shape: Where each layout's begins, its rows and its columns, (layouts, 3).
-        grids: Origin and resolution of each layout's grid, (layouts, 3) [m].
-        parts: Columns of the movers' parts, (n, p, 10); their poses are taken from ``part_poses``.
-        part_poses: x, y, cos, sin in the world at each tick, (n, ticks, p, 4) [m].
-        num_parts: (n,).
+        outlines: An :class:`Outlines` of the robots.
+        scenes: A :class:`StaticScenes`.
+        layout: The scene that each robot is in, (n,).
+        parts: A :class:`MovingParts`.
         hit: Output: the tick, -1 if there is none, (n,).
         moved: Scratch, (c, 2).
     """
     for r in range(len(rows)):
         i = rows[r]
         hit[i] = -1
-        place, radius, height = layout[i], radii[i], heights[i]
-        footprint = footprints[i, : corners[i]]
-        begin, height_cells, width = grid_shape[place]
-        x0, y0, resolution = grids[place]
+        place, radius, height = layout[i], outlines.radii[i], outlines.heights[i]
+        footprint = outlines.footprints[i, : outlines.corners[i]]
+        begin, height_cells, width = scenes.grid_shape[place]
+        x0, y0, resolution = scenes.grids[place]
         for t in range(poses.shape[1]):
             x, y, yaw = poses[i, t]
             cos, sin = math.cos(yaw), math.sin(yaw)
@@ -205,24 +238,22 @@ def overlaps_batch(
             column = min(max(int((x - x0) / resolution), 0), width - 1)
             touched = False
             # The field is exact at the cells' centres: half a diagonal away it is off by no more than that.
-            if distance[begin + row * width + column] - 0.7072 * resolution < radius:
-                for s in range(first[place], first[place + 1]):
-                    shape = static[s]
-                    if shape[8] < height and shape[9] > 0.0 and _overlaps(
-                        x - shape[0], y - shape[1], shape[2], shape[3], shape[4], shape[5], shape[6] != 0.0, shape[7],
-                        cos, sin, footprint, radius, moved,
-                    ):  # fmt: skip
+            if scenes.distance[begin + row * width + column] - 0.7072 * resolution < radius:
+                for s in range(scenes.first[place], scenes.first[place + 1]):
+                    shape = scenes.shapes[s]
+                    if shape[8] >= height or shape[9] <= 0.0:
+                        continue
+                    offset = x - shape[0], y - shape[1], shape[2], shape[3]
+                    if _overlaps(shape, offset, cos, sin, footprint, radius, moved):
                         touched = True
                         break
-            for p in range(0 if touched else num_parts[i]):
-                shape = parts[i, p]
-                dx, dy, reach = x - part_poses[i, t, p, 0], y - part_poses[i, t, p, 1], radius + shape[7]
+            for p in range(0 if touched else parts.counts[i]):
+                shape = parts.shapes[i, p]
+                dx, dy, reach = x - parts.poses[i, t, p, 0], y - parts.poses[i, t, p, 1], radius + shape[_BOUND]
                 if dx * dx + dy * dy >= reach * reach or shape[8] >= height or shape[9] <= 0.0:
                     continue
-                if _overlaps(
-                    dx, dy, part_poses[i, t, p, 2], part_poses[i, t, p, 3], shape[4], shape[5], shape[6] != 0.0,
-                    shape[7], cos, sin, footprint, radius, moved,
-                ):  # fmt: skip
+                offset = dx, dy, parts.poses[i, t, p, 2], parts.poses[i, t, p, 3]
+                if _overlaps(shape, offset, cos, sin, footprint, radius, moved):
                     touched = True
                     break
             if touched:
@@ -231,11 +262,11 @@ def overlaps_batch(
 
 
 @njit(cache=True, nogil=True)
-def _overlaps(
-    dx, dy, cos, sin, half_x, half_y, is_cylinder, bound, base_cos, base_sin, footprint, radius, moved
-):  # fmt: skip
-    """Whether the footprint overlaps a shape; dx, dy: from the shape's centre to base_link."""
-    reach = radius + bound
+def _overlaps(shape, offset, base_cos, base_sin, footprint, radius, moved):
+    """Whether a footprint overlaps a shape; ``offset``: from the shape's centre to base_link, and the shape's yaw."""
+    dx, dy, cos, sin = offset
+    half_x, half_y, is_cylinder = shape[4], shape[5], shape[6] != 0.0
+    reach = radius + shape[_BOUND]
     if dx * dx + dy * dy >= reach * reach:
         return False
     if is_cylinder:

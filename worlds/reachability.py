@@ -1,4 +1,4 @@
-"""Whether a goal can be reached at all, through everything that moves, by a disc that knows all futures."""
+"""Reachability of a goal in space and time: a disc that knows where every moving obstacle will be looks for a way."""
 
 import math
 from typing import NamedTuple
@@ -7,33 +7,59 @@ import numpy as np
 from numba import njit
 
 from vuca_nav.errors import BadWorld
+from vuca_nav.types import FloatArray
 from worlds.motion.movers import TICK_RATE, MoverField
 from worlds.shortest_path import occupancy
 from worlds.world import World
 
 
 class ReachabilityResult(NamedTuple):
-    """Whether and when the goal can be reached."""
+    """Answer of :func:`reachable`."""
 
     reached: bool
+    """Whether the goal can be reached before the horizon."""
     time: float
     """Earliest arrival [s]; ``inf`` if not reached."""
 
 
+class Grid(NamedTuple):
+    """A grid of square cells."""
+
+    x: float
+    """Lower-left corner of cell (0, 0) in the world [m]."""
+    y: float
+    """[m]"""
+    resolution: float
+    """Side of a cell [m]."""
+
+
+class Crowd(NamedTuple):
+    """Where every moving obstacle will be, and how near a disc may come to it."""
+
+    tracks: FloatArray
+    """x, y at each tick (ticks + 1, m, 2) [m]."""
+    reaches: FloatArray
+    """Least distance between its centre and the disc's (m,) [m]."""
+    tick: float
+    """Time between two rows of ``tracks``, between which everything moves straight on [s]."""
+
+
 @njit(cache=True)
-def _mark_capsule(unsafe, stamp, x0, y0, x1, y1, reach, origin_x, origin_y, h):
-    """Mark the cells whose centres are nearer than ``reach`` to a segment."""
+def _mark_capsule(unsafe, stamp, begin, end, reach, grid):
+    """Mark the cells whose centres are nearer than ``reach`` to the segment from ``begin`` to ``end``."""
+    x0, y0, x1, y1 = begin[0], begin[1], end[0], end[1]
+    h = grid.resolution
     rows, columns = unsafe.shape
-    first_column = max(int((min(x0, x1) - reach - origin_x) / h), 0)
-    last_column = min(int((max(x0, x1) + reach - origin_x) / h) + 1, columns)
-    first_row = max(int((min(y0, y1) - reach - origin_y) / h), 0)
-    last_row = min(int((max(y0, y1) + reach - origin_y) / h) + 1, rows)
+    first_column = max(int((min(x0, x1) - reach - grid.x) / h), 0)
+    last_column = min(int((max(x0, x1) + reach - grid.x) / h) + 1, columns)
+    first_row = max(int((min(y0, y1) - reach - grid.y) / h), 0)
+    last_row = min(int((max(y0, y1) + reach - grid.y) / h) + 1, rows)
     dx, dy = x1 - x0, y1 - y0
     length2 = dx * dx + dy * dy
     for row in range(first_row, last_row):
-        y = origin_y + (row + 0.5) * h
+        y = grid.y + (row + 0.5) * h
         for column in range(first_column, last_column):
-            x = origin_x + (column + 0.5) * h
+            x = grid.x + (column + 0.5) * h
             share = 0.0
             if length2 > 0.0:
                 share = min(max(((x - x0) * dx + (y - y0) * dy) / length2, 0.0), 1.0)
@@ -43,10 +69,25 @@ def _mark_capsule(unsafe, stamp, x0, y0, x1, y1, reach, origin_x, origin_y, h):
 
 
 @njit(cache=True)
-def earliest_arrival(blocked, tracks, reaches, tick, start, start_time, goal, v_max, layers, origin_x, origin_y, h):
-    """Layer by layer of h / v_max seconds: when the disc can first be in each cell and has been safe there since."""
+def earliest_arrival(blocked, grid, crowd, start, start_time, goal, v_max, layers):
+    """Earliest time at which a disc that knows all futures can be in the goal's cell [s]; ``inf`` if it never can.
+
+    Time goes by layers of one cell's side at full speed. After each layer every cell has the earliest time at which
+    the disc can be in it, and since when it has been safe there.
+
+    Args:
+        blocked: Cells that the disc's centre must keep out of (rows, columns).
+        grid: The :class:`Grid` of these cells.
+        crowd: A :class:`Crowd`.
+        start: Row and column.
+        start_time: Time at which the disc is at the centre of the start's cell [s].
+        goal: Row and column.
+        v_max: Greatest speed of the disc [m/s].
+        layers: How many layers to look ahead.
+    """
     rows, columns = blocked.shape
-    dt = h / v_max
+    tracks, tick = crowd.tracks, crowd.tick
+    dt = grid.resolution / v_max
     arrival = np.full((rows, columns), np.inf)
     safe_since = np.zeros((rows, columns))
     unsafe = np.full((rows, columns), -1, np.int64)
@@ -56,14 +97,13 @@ def earliest_arrival(blocked, tracks, reaches, tick, start, start_time, goal, v_
         first, last = int(begin / tick + 1e-9), min(int(math.ceil(end / tick - 1e-9)), len(tracks) - 1)
         for i in range(tracks.shape[1]):
             for k in range(first, last):
-                a, b = tracks[k, i], tracks[k + 1, i]
-                _mark_capsule(unsafe, layer, a[0], a[1], b[0], b[1], reaches[i], origin_x, origin_y, h)
+                _mark_capsule(unsafe, layer, tracks[k, i], tracks[k + 1, i], crowd.reaches[i], grid)
         for row in range(rows):
             for column in range(columns):
                 if unsafe[row, column] == layer:
                     arrival[row, column] = np.inf
                     safe_since[row, column] = end
-        # A hop takes at least one layer, so whoever hops into a cell now was in its own cell before this layer:
+        # A hop takes at least one layer, so what hops into a cell now was in its own cell before this layer:
         # the order in which cells are looked at does not matter.
         for row in range(rows):
             for column in range(columns):
@@ -87,22 +127,22 @@ def earliest_arrival(blocked, tracks, reaches, tick, start, start_time, goal, v_
 
 
 def reachable(world: World, radius: float, v_max: float, horizon: float, resolution: float = 0.2) -> ReachabilityResult:
-    """Whether a disc that knows all futures can reach the goal, and when at the earliest.
+    """Decide whether a disc that knows all futures can reach the goal, and when at the earliest.
 
-    The disc moves over 8 neighbours at up to ``v_max``, waits as it likes, has no inertia, and is never where a
-    mover's circle is. Everything errs on the side of "not reachable": ways off the eight directions are up to
-    8% too long, and movers and walls are grown by half a diagonal of a cell, so that a hop between two free
-    cells is free all along. A crowd behaves as if there were no robot.
+    The disc moves between the 8 neighbours of a cell at up to ``v_max``, waits as it likes, has no inertia, and is
+    never inside a mover's circle. Every approximation errs on the side of "not reachable": ways off the eight
+    directions are up to 8% too long, and movers and walls are inflated by half a diagonal of a cell, so that a hop
+    between two free cells is free all along. A crowd behaves as if there were no robot.
 
     Args:
-        world: Any.
-        radius: Of the disc [m].
-        v_max: Its greatest speed [m/s].
-        horizon: The goal must be reached before this time [s].
-        resolution: Of the grid [m]; the time step is ``resolution / v_max``.
+        world: Any world.
+        radius: Radius of the disc [m].
+        v_max: Greatest speed of the disc [m/s].
+        horizon: Time before which the goal must be reached [s].
+        resolution: Side of a cell [m]; the time step is ``resolution / v_max``.
 
     Raises:
-        BadWorld: The start has no room for the disc.
+        BadWorld: The disc does not fit at the start.
     """
     pad = resolution * math.sqrt(0.5)
     grid = occupancy(world, resolution, radius + pad)
@@ -123,9 +163,7 @@ def reachable(world: World, radius: float, v_max: float, horizon: float, resolut
         movers.step(1.0 / TICK_RATE)
         tracks[k + 1] = movers.poses[:, :2]
     reaches = np.array([mover.radius + radius + pad for mover in world.movers])
-    arrival = earliest_arrival(
-        grid.blocked, tracks, reaches, 1.0 / TICK_RATE, start, start_offset, goal, v_max, layers,
-        *grid.origin, resolution,
-    )  # fmt: skip
+    cells, crowd = Grid(*grid.origin, resolution), Crowd(tracks, reaches, 1.0 / TICK_RATE)
+    arrival = earliest_arrival(grid.blocked, cells, crowd, start, start_offset, goal, v_max, layers)
     time = float(arrival) + goal_offset
     return ReachabilityResult(bool(time <= horizon), time if time <= horizon else math.inf)

@@ -20,7 +20,7 @@ from vuca_nav.policy.observation import ObservationConfig
 from vuca_nav.types import FloatArray
 from worlds.motion.mover_columns import RADIUS, X
 from worlds.motion.movers import TICK
-from worlds.reachability import earliest_arrival
+from worlds.reachability import Crowd, Grid, earliest_arrival
 
 _CHUNK = 50
 """Episodes whose movers' ways are held at once."""
@@ -70,10 +70,11 @@ def solvable(config: ArenaConfig, episodes: int, seed: int) -> Solvable:
             start, goal = (
                 (int((rows.task[i, at + 1] - y) / cell), int((rows.task[i, at] - x) / cell)) for at in (START_X, GOAL_X)
             )
+            reaches = rows.constants[i, :count, RADIUS] + radius + pad
+            crowd = Crowd(np.ascontiguousarray(tracks[:, k, :count]), reaches, TICK)
             arrival = earliest_arrival(
-                clearance < radius + pad, np.ascontiguousarray(tracks[:, k, :count]),
-                rows.constants[i, :count, RADIUS] + radius + pad, TICK, start, 0.0, goal, v_max,
-                math.ceil(limit * v_max / cell), x, y, cell,
+                clearance < radius + pad, Grid(float(x), float(y), float(cell)), crowd, start, 0.0, goal, float(v_max),
+                math.ceil(limit * v_max / cell),
             )  # fmt: skip
             if arrival <= limit:
                 time[i] = arrival

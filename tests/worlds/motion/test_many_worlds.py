@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from robots.bodies.tiago import FOOTPRINT
-from robots.clearance import FootprintClearance, overlaps_batch
+from robots.clearance import FootprintClearance, MovingParts, Outlines, StaticScenes, overlaps_batch
 from vuca_nav.types import LidarSpec, Pose2
 from worlds.arrays import pack_shapes
 from worlds.clearance import clearance_field, distance_to_wide_ways
@@ -174,12 +174,14 @@ def overlap(shapes, pose, height=1.2, parts=(), part_poses=(), footprint=FOOTPRI
     moving = level_columns(pack_shapes(parts))[None]
     places = np.array([(x, y, math.cos(yaw), math.sin(yaw)) for x, y, yaw in part_poses]).reshape(1, 1, -1, 4)
     hit = np.zeros(1, np.int64)
-    overlaps_batch(
-        ONE, np.array([[pose]], float), footprint[None], np.array([len(footprint)]),
-        np.array([np.hypot(*footprint.T).max()]), np.array([height]), static, ONE, np.array([0, len(shapes)]), near,
-        np.array([[0, *field.distance.shape]]), np.array([[-20.0, -20.0, 0.1]]), moving, places,
-        np.array([len(parts)]), hit, np.empty_like(footprint),
+    radius = np.hypot(*footprint.T).max()
+    outlines = Outlines(footprint[None], np.array([len(footprint)]), np.array([radius]), np.array([height]))
+    scenes = StaticScenes(
+        static, np.array([0, len(shapes)]), near, np.array([[0, *field.distance.shape]]),
+        np.array([[-20.0, -20.0, 0.1]]),
     )  # fmt: skip
+    moving = MovingParts(moving, places, np.array([len(parts)]))
+    overlaps_batch(ONE, np.array([[pose]], float), outlines, scenes, ONE, moving, hit, np.empty_like(footprint))
     return hit[0] == 0
 
 
