@@ -12,13 +12,13 @@ from worlds.level_scan import level_columns
 
 
 class FootprintClearance:
-    """Distance of a convex outline to the nearest obstacle or mover.
+    """Clearance of a convex footprint to the nearest obstacle or moving obstacle.
 
     Args:
-        static: What stands still, in the world.
-        part_shapes: The movers' parts; their poses come with each call.
+        static: Shapes of the static obstacles, in the world.
+        part_shapes: Shapes of the moving obstacles' parts; their poses come with each call.
         footprint: Convex outline in base_link, counter-clockwise, (n, 2) [m].
-        height: Of the robot; shapes that begin above it, or end at the floor, do not count [m].
+        height: Height of the robot [m]; shapes that begin above it, or end at the floor, do not count.
     """
 
     def __init__(self, static: ShapeArrays, part_shapes: ShapeArrays, footprint: FloatArray, height: float):
@@ -32,9 +32,9 @@ class FootprintClearance:
         """Distance from the footprint to the nearest surface; 0 inside a shape, ``inf`` if there is none [m].
 
         Args:
-            x: Of base_link in the world [m].
-            y: Of base_link in the world [m].
-            yaw: Of base_link in the world [rad].
+            x: Position of base_link in the world [m].
+            y: Position of base_link in the world [m].
+            yaw: Heading of base_link in the world [rad].
             part_poses: x, y, yaw of each part's centre in the world, (num_parts, 3).
         """
         return self._distance_up_to(math.inf, x, y, yaw, part_poses)
@@ -44,9 +44,9 @@ class FootprintClearance:
 
         Args:
             limit: [m]
-            x: Of base_link in the world [m].
-            y: Of base_link in the world [m].
-            yaw: Of base_link in the world [rad].
+            x: Position of base_link in the world [m].
+            y: Position of base_link in the world [m].
+            yaw: Heading of base_link in the world [rad].
             part_poses: x, y, yaw of each part's centre in the world, (num_parts, 3).
         """
         return self._distance_up_to(limit, x, y, yaw, part_poses) >= limit
@@ -108,7 +108,7 @@ def _clearance(shapes, num_static, part_poses, footprint, radius, pose, limit, m
 
 
 _SLACK = 1.0 + 1e-9
-"""Of a comparison of squares that only decides whether the exact comparison can be left out: far above rounding."""
+"""Factor on squared distances that only decide whether to compute an exact distance: far above rounding."""
 
 
 @njit(cache=True)
@@ -177,24 +177,24 @@ class Outlines(NamedTuple):
     footprints: np.ndarray
     """Convex outlines in base_link, counter-clockwise (n, c, 2) [m]."""
     corners: np.ndarray
-    """How many corners each has (n,)."""
+    """Number of corners of each outline (n,)."""
     radii: np.ndarray
-    """Of the circles about base_link that hold them (n,) [m]."""
+    """Radii of the circles about base_link that hold the outlines (n,) [m]."""
     heights: np.ndarray
-    """Of the robots (n,) [m]."""
+    """Heights of the robots (n,) [m]."""
 
 
 class StaticScenes(NamedTuple):
-    """What stands still in several layouts, one layout after the other."""
+    """Static obstacles of several layouts, one layout after the other."""
 
     shapes: np.ndarray
     """Columns as ``worlds.level_scan.level_columns`` gives them (s, 10)."""
     first: np.ndarray
-    """Where a layout's shapes begin, and where the last one's end (layouts + 1,)."""
+    """Index of each layout's first shape, and the number of all shapes (layouts + 1,)."""
     distance: np.ndarray
     """Clearance on all layouts' grids (cells,) [m]."""
     grid_shape: np.ndarray
-    """Where each layout's grid begins, its rows and its columns (layouts, 3)."""
+    """Index of the first cell of each layout's grid, its rows and its columns (layouts, 3)."""
     grids: np.ndarray
     """Origin and resolution of each layout's grid (layouts, 3) [m]."""
 
@@ -207,7 +207,7 @@ class MovingParts(NamedTuple):
     poses: np.ndarray
     """x, y, cos, sin in the world at each tick (n, ticks, p, 4) [m]."""
     counts: np.ndarray
-    """How many of the p parts there are (n,)."""
+    """Number of parts in use, of the p there is space for (n,)."""
 
 
 @njit(cache=True, nogil=True)
@@ -215,7 +215,7 @@ def overlaps_batch(rows, poses, outlines, scenes, layout, parts, hit, moved):
     """Find the first tick at which each robot's footprint overlaps anything, by the rule of ``FootprintClearance``.
 
     Args:
-        rows: Which robots, (k,).
+        rows: Indices of the robots to look at, (k,).
         poses: x, y, yaw of base_link at each tick, (n, ticks, 3) [m, rad].
         outlines: An :class:`Outlines` of the robots.
         scenes: A :class:`StaticScenes`.

@@ -1,4 +1,4 @@
-"""A mission in MuJoCo as a gymnasium environment, so that anybody can try a policy of theirs on our bodies.
+"""A mission in MuJoCo as a gymnasium environment, to try a policy of one's own on these bodies.
 
 ``gymnasium.make("robots.gym_env:vuca/Navigation-v0", world="square", robot="go2")``
 """
@@ -31,14 +31,14 @@ MAX_TWIST = 20.0
 """Bound of the observation space [m/s, rad/s]."""
 
 Observation = dict[str, Any]
-"""Of float32 arrays."""
+"""Float32 arrays by name."""
 
 
 class NavigationEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
-    """A robot that shall get to a goal in a world, straight or through what moves.
+    """A robot on its way to a goal in a world with static and moving obstacles.
 
     Observation: ``scan``, the ranges beginning behind the robot and going round to the left, the lidar's greatest
-    range where nothing came back (num_beams,) [m]; ``goal`` in base_link as a faultless localisation would give it
+    range where nothing came back (num_beams,) [m]; ``goal`` in base_link as a perfect localisation would give it
     (2,) [m]; ``twist``, the measured velocity (3,) [m/s, m/s, rad/s]. Action: v_x, v_y [m/s] and w_z [rad/s]; a
     differential base ignores v_y. An episode terminates at the goal, at the first contact and at a fall, and is
     truncated at the time limit.
@@ -46,11 +46,11 @@ class NavigationEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     Args:
         world: A world's name or a scene file.
         robot: A body's name.
-        region: Of the factory.
-        movers: How many moving obstacles, where the world lets one choose.
+        region: Region of the factory, 1 to 4.
+        movers: Number of moving obstacles, for the worlds that take it.
         rate: Actions a second; it must divide the lidar's 30 Hz.
-        tolerance: How near counts as there [m].
-        noise: Of the sensors.
+        tolerance: Distance from the goal within which it counts as reached [m].
+        noise: Size of the sensors' errors.
 
     Raises:
         UnknownName: No such world or robot.
@@ -97,7 +97,7 @@ class NavigationEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         """A new world and a new robot in it.
 
         Args:
-            seed: Of the world and of the sensors' noise, as of a mission; without one it is drawn.
+            seed: Seed of the world and of the sensors' noise, as of a mission; drawn at random if None.
             options: None are known.
         """
         super().reset(seed=seed)

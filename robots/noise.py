@@ -1,4 +1,4 @@
-"""Everything that is imperfect about the sensors, in one place."""
+"""Sizes of all errors of the sensors."""
 
 import math
 from dataclasses import dataclass
@@ -14,9 +14,9 @@ class NoiseConfig:
     """
 
     range_sigma: float = 0.02
-    """Of one range [m]. SICK TiM571, the laser of the PMB2 base: statistical error 20 mm (data sheet)."""
+    """Standard deviation of a range [m]. SICK TiM571, the PMB2 base's laser: statistical error 20 mm (data sheet)."""
     dropout: float = 0.01
-    """Share of beams that return nothing: black, shiny or grazing surfaces."""
+    """Share of beams without a return, as from black, shiny or grazed surfaces. Assumed."""
     encoder_scale_sigma: float = 0.03
     """Relative error of a wheel's effective radius, per episode and wheel: 3 mm of a
     98.5 mm radius, from wear and load."""
@@ -25,23 +25,23 @@ class NoiseConfig:
     2 * 0.022^2 * 1 m = 0.001 m^2 a metre: the ``error_constant_left/right`` of PAL's odometry (pmb2_robot,
     mobile_base_controller.yaml)."""
     slip_length: float = 1.0
-    """Distance over which slip stays alike [m]."""
+    """Correlation length of slip along the way [m]."""
     gyro_scale_sigma: float = 0.02
     """Relative error of the gyro's scale, per episode. MPU-9250 data sheet: +-3%."""
     gyro_bias_sigma: float = math.radians(0.06)
     """Bias left after calibration at standstill, per episode [rad/s]. 216 deg/h, a consumer MEMS gyro."""
     gyro_noise_density: float = math.radians(0.01)
-    """Of the rate [rad/s/sqrt(Hz)]. MPU-9250 data sheet: 0.01 deg/s/sqrt(Hz)."""
+    """Noise density of the turn rate [rad/s/sqrt(Hz)]. MPU-9250 data sheet: 0.01 deg/s/sqrt(Hz)."""
     tilt_sigma: float = math.radians(0.5)
     """Error of roll and of pitch, per episode [rad]. VectorNav VN-100 and its like: 0.5 deg RMS, dynamic."""
     tilt_noise: float = math.radians(0.1)
-    """Of roll and of pitch, per sample [rad]."""
+    """Standard deviation of roll and of pitch, per sample [rad]. Assumed: a fifth of the error per episode."""
     joint_zero_sigma: float = 0.01
     """Error of a leg joint's zero after calibration, per episode [rad]: half a degree."""
     joint_angle_noise: float = 0.002
-    """Of a leg joint's angle, per sample [rad]: ten steps of a 15 bit encoder."""
+    """Standard deviation of a leg joint's angle, per sample [rad]: ten steps of a 15 bit encoder."""
     joint_speed_noise: float = 0.1
-    """Of a leg joint's speed, per sample [rad/s]."""
+    """Standard deviation of a leg joint's speed, per sample [rad/s]. Assumed."""
     leg_length_sigma: float = 0.02
     """Relative error of the distance a stride is taken to cover, per episode and direction: worn, yielding feet."""
 

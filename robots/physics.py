@@ -1,9 +1,9 @@
 """MuJoCo's steps of one robot in one world: with the scene where it is near, without it where it is out of reach.
 
 A factory has 200 static shapes and 60 parts of moving obstacles. A physics step places all of them and culls them
-against the robot, which costs as much as the robot itself, although for nineteen steps of twenty nothing is near. So
-there are two models: the robot on the floor, which is the one that the rest of the simulation sees, and the robot on
-the floor in the scene. A step near an obstacle carries the robot's state into the second model, steps that one, and
+against the robot, which costs as much as the robot itself, although in nineteen steps of twenty the scene is out of
+reach. So there are two models: the robot on an empty floor, which is the one that the rest of the simulation sees, and
+the robot in the scene. A step near an obstacle carries the robot's state into the second model, steps that one, and
 carries the state back. Both give the same bits as long as nothing of the scene touches the robot.
 """
 
@@ -29,7 +29,7 @@ _STATE = (
     | mujoco.mjtState.mjSTATE_CTRL
     | mujoco.mjtState.mjSTATE_QFRC_APPLIED
 )
-"""What the next step depends on, but for the positions of mocap bodies and forces on single bodies."""
+"""The parts of MuJoCo's state that the next step depends on, but for mocap poses and forces on single bodies."""
 
 _NOT_FOR_ONE_ROBOT = int(mujoco.mjtDisableBit.mjDSBL_ISLAND | mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
 """Searches that find nothing on an empty floor: one robot is one island of constraints, and the floor is one geom.
@@ -45,7 +45,7 @@ class Physics:
         rate: Physics steps a second [Hz].
 
     Attributes:
-        model: The robot on the floor, nothing else.
+        model: The robot on an empty floor.
         data: State of ``model``: positions, velocities, controls and sensors of the robot are always those of the
             last step. What MuJoCo derives from them is that of the last step out of reach of the scene.
     """
@@ -67,7 +67,7 @@ class Physics:
         self._mocap = self._scene_data.mocap_pos, self._scene_data.mocap_quat
 
     def reset(self) -> None:
-        """Forget everything that happened."""
+        """Put both models back to their initial states."""
         mujoco.mj_resetData(self.model, self.data)
         mujoco.mj_resetData(self._scene_model, self._scene_data)
 
@@ -79,7 +79,7 @@ class Physics:
         """Step the robot in the scene.
 
         Args:
-            steps: How many.
+            steps: Number of physics steps.
             part_poses: x, y, yaw in the world of each part of the moving obstacles, which stand still meanwhile
                 (num_parts, 3) [m, rad].
 

@@ -1,4 +1,4 @@
-"""Bodies by name."""
+"""The registry of bodies: robots by their names."""
 
 from collections.abc import Callable
 
@@ -11,7 +11,7 @@ from vuca_nav.errors import UnknownName
 ROBOTS: dict[str, Callable[[], Body]] = {"go2": Go2, "tiago": Tiago}
 
 QUADRUPEDS: dict[str, QuadrupedConfig] = {GO2.spec.name: GO2}
-"""Those that walk; their gaits come from vuca train locomotion."""
+"""Quadrupeds by name; ``vuca train locomotion`` makes their gaits."""
 
 
 def find_quadruped(name: str) -> QuadrupedConfig:

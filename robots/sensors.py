@@ -1,4 +1,4 @@
-"""What the sensors report: a clean scan made noisy, and dead reckoning from wheel encoders and a gyro."""
+"""Models of the imperfect sensors: the lidar's noise, and dead reckoning from wheel encoders and a gyro."""
 
 import math
 
@@ -10,7 +10,7 @@ from vuca_nav.geometry import wrap_angle
 from vuca_nav.types import FloatArray, LidarSpec, Odometry, Pose2, Twist2
 
 _BLOCK = 64
-"""Scans, or odometry updates, whose noise is drawn at once."""
+"""Number of scans, or of odometry updates, whose noise is drawn at once."""
 
 
 class LidarNoise:
@@ -18,8 +18,8 @@ class LidarNoise:
 
     Args:
         lidar: Number of beams and valid ranges.
-        noise: How much.
-        rng: Source of randomness; used by nothing else.
+        noise: Size of the errors.
+        rng: Source of randomness, which nothing else draws from.
     """
 
     def __init__(self, lidar: LidarSpec, noise: NoiseConfig, rng: np.random.Generator):
@@ -29,9 +29,9 @@ class LidarNoise:
         self._next = _BLOCK
 
     def corrupt(self, clean: FloatArray) -> FloatArray:
-        """What the lidar reports of true ranges (num_beams,) [m], as a new array.
+        """Corrupt true ranges (num_beams,) [m] into a new array.
 
-        ``inf`` for a dropped beam and for a return outside the valid ranges.
+        A dropped beam and a return outside the valid ranges become ``inf``.
         """
         if self._next == _BLOCK:
             self._rng.standard_normal(out=self._normal)
@@ -63,10 +63,10 @@ class WheelOdometer:
     what wheeled bases with an IMU do.
 
     Args:
-        noise: How much.
-        rng: Source of randomness; used by nothing else.
-        wheel_radius: As the odometry believes it [m].
-        dt: Time between updates [s].
+        noise: Size of the errors.
+        rng: Source of randomness, which nothing else draws from.
+        wheel_radius: Radius of the wheels by which distances are computed [m].
+        dt: Time between two updates [s].
     """
 
     def __init__(self, noise: NoiseConfig, rng: np.random.Generator, wheel_radius: float, dt: float):
@@ -85,16 +85,16 @@ class WheelOdometer:
         self._x = self._y = self._yaw = self._v_x = 0.0
 
     def start(self, left_angle: float, right_angle: float) -> None:
-        """Take the encoders' present readings [rad] as zero and the present pose as the origin."""
+        """Take the encoders' present readings [rad] as zero, and the present pose as the origin."""
         self._left, self._right = left_angle, right_angle
         self._x = self._y = self._yaw = self._v_x = self._rate = 0.0
 
     def update(self, left_angle: float, right_angle: float, gyro_rate: float) -> None:
-        """One step, ``dt`` after the last one.
+        """Integrate one step, ``dt`` after the last one.
 
         Args:
-            left_angle: Of the left wheel's joint [rad].
-            right_angle: Of the right wheel's joint [rad].
+            left_angle: Angle of the left wheel's joint [rad].
+            right_angle: Angle of the right wheel's joint [rad].
             gyro_rate: True angular velocity about base_link's z axis [rad/s].
         """
         if not self._block:
@@ -122,7 +122,7 @@ class WheelOdometer:
         return Odometry(stamp, Pose2(self._x, self._y, self._yaw), Twist2(self._v_x, 0.0, self._rate))
 
     def _next_slip(self, slip: float, distance: float, normal: float) -> float:
-        """Ornstein-Uhlenbeck along the way travelled, exactly discretised."""
+        """Slip after a further ``distance``: an Ornstein-Uhlenbeck process along the way, exactly discretised."""
         if distance == 0.0:
             return slip
         keep = math.exp(-abs(distance) / self._slip_length)

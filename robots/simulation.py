@@ -1,4 +1,7 @@
-"""A robot in a world, stepped by MuJoCo: commands in, scans and odometry out, the truth for metrics only."""
+"""The simulation of one robot in one world: it takes commands and returns scans and odometry.
+
+The true pose, the clearance and the contacts are for metrics and for the judge of an episode only.
+"""
 
 # pyright: reportAttributeAccessIssue=false, reportOptionalMemberAccess=false
 # (MuJoCo's compiled bindings and dm_control's generated elements are invisible to a static checker.)
@@ -26,7 +29,8 @@ from worlds.raycast import RayCaster
 from worlds.world import Cylinder, Shape, World
 
 SAFE_DISTANCE = 0.10
-"""Farther than this, nothing can touch the robot within one control step: it would have to move at 6 m/s [m]."""
+"""Clearance from which on no contact is possible within one control step [m]: at 60 Hz the two would have to close in
+at 6 m/s."""
 
 
 class SimulationDiverged(VucaError):
@@ -35,18 +39,18 @@ class SimulationDiverged(VucaError):
 
 @dataclass(frozen=True, slots=True)
 class Rates:
-    """How often things happen; each divides the one before it exactly.
+    """Rates of the simulation's loops; each divides the one before it exactly.
 
     Raises:
-        BadArgument: If not.
+        BadArgument: If one does not.
     """
 
     physics: int = 300
-    """[Hz]"""
+    """Rate of MuJoCo's steps [Hz]."""
     control: int = 60
-    """Commands to the actuators, odometry, movers [Hz]."""
+    """Rate of the commands to the actuators, of the odometry and of the moving obstacles [Hz]."""
     lidar: int = 30
-    """[Hz]"""
+    """Rate of the scans [Hz]."""
 
     def __post_init__(self):
         for fast, slow in (("physics", "control"), ("control", "lidar")):
@@ -61,19 +65,21 @@ class Simulation:
     Args:
         world: The scene with its start.
         body: The robot. One body may serve several simulations.
-        seed: Of the sensors' noise. The world's own seed decides how things move.
-        noise: Of the sensors.
-        telemetry: Hears about the scene, the robot and the movers.
+        seed: Seed of the sensors' noise. The world's own seed decides how the moving obstacles move.
+        noise: Size of the sensors' errors.
+        telemetry: Listener to the scene, the robot and the moving obstacles.
         perfect_odometry: Report the true pose instead of dead reckoning.
-        rates: Of physics, control and lidar.
+        rates: Rates of physics, control and lidar.
 
     Attributes:
-        time: Since the start [s].
-        true_pose: Of base_link in the world.
-        contact: Kind ("wall", "cart", ...) of the first thing other than the floor that the robot has touched.
-        contact_name: Which one, e.g. "wall_12".
-        fallen: Whether the body lies or leans past saving.
-        clearance: Of the footprint to the nearest obstacle or mover now, ``inf`` if there is none [m].
+        time: Time since the start [s].
+        true_pose: Pose of base_link in the world.
+        model: MuJoCo model of the robot on the floor, see :class:`robots.physics.Physics`.
+        data: MuJoCo state of that model.
+        contact: Kind ("wall", "cart", ...) of the first obstacle or mover that the robot has touched; None before.
+        contact_name: Name of that obstacle or mover's part, e.g. "wall_12".
+        fallen: Whether the robot lies on the floor or leans too far to recover.
+        clearance: Distance of the footprint to the nearest obstacle or mover now, ``inf`` if there is none [m].
 
     Raises:
         BadArgument: If the rates do not fit each other or the body's lidar.
@@ -134,7 +140,7 @@ class Simulation:
         self.fallen, self.clearance = False, math.inf
 
     def reset(self) -> tuple[Scan, Odometry]:
-        """Put everything back to the start, the noise included, and look around once."""
+        """Put everything back to the start, the noise included, and take the first scan."""
         self._physics.reset()
         self._lidar_noise = LidarNoise(self.body.lidar, self._noise, self._rng(0))
         self._movers.reset()
@@ -157,11 +163,11 @@ class Simulation:
         return self._observe()
 
     def step(self, command: VelocityCommand) -> tuple[Scan, Odometry]:
-        """Carry a command out until the next scan.
+        """Carry out a command until the next scan.
 
         Raises:
             BadArgument: If the command is not finite.
-            SimulationDiverged: If the physics is not.
+            SimulationDiverged: If the physics has produced numbers that are not finite.
         """
         if not (math.isfinite(command.v_x) and math.isfinite(command.v_y) and math.isfinite(command.w_z)):
             raise BadArgument(f"command at {self.time:.3f} s is not finite: {command}")
@@ -218,14 +224,14 @@ class Simulation:
         return replace(self._bound.odometry(self.time), odom_from_base=true, twist=twist)
 
     def _rng(self, stream: int) -> np.random.Generator:
-        """A stream of its own for each use, the same after every reset."""
+        """The random stream of one use, the same after every reset."""
         seed = self._seed
         key = (*seed.spawn_key, stream)
         return np.random.default_rng(np.random.SeedSequence(seed.entropy, spawn_key=key))
 
 
 def scene_shapes(world: World) -> list[SceneShape]:
-    """What stands still, for telemetry."""
+    """The static obstacles as telemetry takes them."""
     return [
         _scene_shape(obstacle_name(i, obstacle.kind), obstacle.shape, obstacle.kind)
         for i, obstacle in enumerate(world.obstacles)
@@ -233,7 +239,7 @@ def scene_shapes(world: World) -> list[SceneShape]:
 
 
 def mover_shapes(world: World) -> list[SceneShape]:
-    """The movers' parts in their movers' frames, for telemetry."""
+    """The moving obstacles' parts in their movers' frames, as telemetry takes them."""
     return [
         _scene_shape(part_name(m, p, mover.kind), part.shape, mover.kind)
         for m, mover in enumerate(world.movers)

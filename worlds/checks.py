@@ -24,7 +24,7 @@ def check_world(world: World, source: str = "") -> None:
     """Refuse a world whose task or movers cannot be where they are put.
 
     Args:
-        world: Any.
+        world: Any world.
         source: Named in front of each message, as a file's name.
 
     Raises:
@@ -65,8 +65,8 @@ def check_task(world: World, footprint_radius: float, source: str = "") -> float
     """Refuse a world in which a body of this size cannot stand at the start, or cannot get to the goal.
 
     Args:
-        world: Any.
-        footprint_radius: Of the body [m].
+        world: Any world.
+        footprint_radius: Radius of the circle about the footprint [m].
         source: Named in front of each message.
 
     Returns:

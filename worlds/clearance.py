@@ -83,7 +83,7 @@ def clearance_field(
     Args:
         obstacles: What stands still.
         bounds: x_min, y_min, x_max, y_max; beyond them is solid [m].
-        resolution: Of the grid [m].
+        resolution: Side of a cell [m].
         cap: Distances above this are reported as this; the cost grows with it [m].
     """
     x_min, y_min, x_max, y_max = bounds

@@ -52,10 +52,10 @@ def fairness(
         seeds: Of the worlds.
         radius: Of the disc, and of the body that the worlds are made for; the circle about TIAGo's footprint has
             0.2843 m [m].
-        region: Of the factory.
-        movers: How many, for the worlds that take it.
+        region: Region of the factory, 1 to 4.
+        movers: Number of moving obstacles, for the worlds that take it.
         v_max: TIAGo's is 1.0 m/s [m/s].
-        resolution: Of the grid in space [m].
+        resolution: Side of a cell of the grid in space [m].
     """
     unsolved, times, lengths = [], [], []
     for seed in seeds:

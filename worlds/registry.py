@@ -82,11 +82,11 @@ def make_world(
     Args:
         name: One of ``WORLDS``, or a path that ends in .yaml or .yml.
         seed: Non-negative; the same seed is the same world. A scene file is what it is whatever the seed.
-        region: Of the factory, 1 to 4.
+        region: Region of the factory, 1 to 4.
         movers: How many moving obstacles, for the worlds that take it.
         without: Difficulties to switch off, letters of "VUCA". V: nothing moves. C: walls, blocks and shelves
             are gone, but for the outer ones. U and A are for the robot and change nothing here.
-        footprint_radius: Of the body that must be able to reach the goal [m].
+        footprint_radius: Radius of the circle about the footprint that must be able to reach the goal [m].
 
     Raises:
         UnknownName: No such world.

@@ -39,8 +39,8 @@ def occupancy(world: World, resolution: float = 0.1, inflation: float = 0.0) -> 
     """The static obstacles and what lies beyond the bounds, inflated; the movers are not in it.
 
     Args:
-        world: Any.
-        resolution: Of the grid [m].
+        world: Any world.
+        resolution: Side of a cell [m].
         inflation: A cell is blocked if its centre is less than this away from something solid, or inside it [m].
     """
     field = clearance_field(world.obstacles, world.bounds, resolution, max(inflation, resolution) + resolution)
@@ -172,7 +172,7 @@ def shortest_path(world: World, radius: float) -> FloatArray:
 
     Args:
         world: Any whose start and goal have room for the disc.
-        radius: Of the disc [m].
+        radius: Radius of the disc [m].
     """
     for resolution in RESOLUTIONS:
         path = _path_on_grid(world, radius, resolution)

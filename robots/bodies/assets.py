@@ -1,4 +1,4 @@
-"""Where the robots' descriptions are: example-robot-data, as pip installs it."""
+"""Paths of the robots' descriptions: example-robot-data, as pip installs it."""
 
 from importlib import metadata
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The interface of a body. Nothing above it knows whether it rolls or walks.
+"""The interface of a body: code above it does not know whether the robot has wheels or legs.
 
 A ``Body`` is a description; ``bind`` gives the object that drives it in one compiled model.
 """
@@ -20,7 +20,7 @@ from worlds.mjcf import RootElement
 
 @dataclass(frozen=True, slots=True)
 class VisualPart:
-    """A mesh and the body of the robot's MJCF it hangs on."""
+    """A mesh with the body of the robot's MJCF that it is fixed to."""
 
     body: str
     """Name inside the robot's own MJCF."""
@@ -32,13 +32,13 @@ class BoundBody(ABC):
 
     @abstractmethod
     def reset(self, pose: Pose2, rng: np.random.Generator) -> None:
-        """Be put down at a pose, with all that is remembered of an earlier episode forgotten.
+        """Put the robot down at a pose and forget the last episode.
 
-        It is commanded to stop for ``settle_time`` before anything else.
+        The caller commands it to stop for ``settle_time`` before any other command.
 
         Args:
-            pose: Of base_link in the world.
-            rng: For the odometry's errors and whatever else is random about the body.
+            pose: Pose of base_link in the world.
+            rng: Source of the odometry's errors and of all other randomness of the body.
         """
 
     @abstractmethod
@@ -47,7 +47,11 @@ class BoundBody(ABC):
 
     @abstractmethod
     def apply(self, command: VelocityCommand) -> None:
-        """Set the actuators for the next control step. The command is finite; limits are the body's affair."""
+        """Set the actuators for the next control step.
+
+        Args:
+            command: Finite, but not limited: the body brings it within its limits.
+        """
 
     @abstractmethod
     def update_odometry(self) -> None:
@@ -55,15 +59,19 @@ class BoundBody(ABC):
 
     @abstractmethod
     def odometry(self, stamp: float) -> Odometry:
-        """What the body believes now."""
+        """The odometry after the last update.
+
+        Args:
+            stamp: Time of the estimate [s].
+        """
 
     @abstractmethod
     def has_fallen(self) -> bool:
-        """Whether it lies, or leans so far that it cannot go on."""
+        """Whether the robot lies on the floor, or leans so far that it cannot go on."""
 
 
 class Body(ABC):
-    """A robot: what the stack must know of it, its MJCF, and how a velocity command moves it.
+    """A robot: the specification that the stack needs, its MJCF, and the way a velocity command moves it.
 
     The MJCF's model name is the spec's name, its root body carries the free joint once attached, and that body's
     frame is base_link with its origin at ``base_height`` above the floor when it stands.
@@ -72,11 +80,11 @@ class Body(ABC):
     spec: BodySpec
     lidar: LidarSpec
     height: float
-    """Of the highest point above the floor [m]: what hangs higher is no obstacle."""
+    """Height of the highest point above the floor [m]; shapes that hang higher are no obstacles."""
     base_height: float
-    """Of base_link above the floor when it stands [m]."""
+    """Height of base_link above the floor when the robot stands [m]."""
     settle_time: float
-    """From ``reset`` until it stands still and can be commanded [s]."""
+    """Time from ``reset`` until the robot stands still and can be commanded [s]."""
 
     @abstractmethod
     def mjcf(self) -> RootElement:
@@ -88,11 +96,11 @@ class Body(ABC):
 
         Args:
             model: Holds the robot's MJCF, attached under its own name.
-            data: Of that model; borrowed for good.
+            data: State of that model, kept for as long as the bound body lives.
             control_dt: Time between two commands [s].
-            noise: Of the sensors.
+            noise: Size of the sensors' errors.
         """
 
     @abstractmethod
     def visuals(self) -> tuple[VisualPart, ...]:
-        """What it looks like, for telemetry."""
+        """The meshes of the robot, for telemetry."""

@@ -1,4 +1,4 @@
-"""Unitree Go2: the constants of a quadruped. Everything else about it is robots.locomotion's.
+"""Unitree Go2: the constants of a quadruped; ``robots.locomotion`` does the rest.
 
 Numbers come from example-robot-data's ``go2.urdf`` ("the URDF") or from MuJoCo Menagerie's ``unitree_go2``
 (github.com/google-deepmind/mujoco_menagerie, BSD-3-Clause; "Menagerie") unless a line says otherwise.
@@ -16,13 +16,13 @@ FOOTPRINT = np.array(
         (-0.38, -0.16), (-0.33, -0.19), (0.33, -0.185), (0.37, -0.10),
     ]
 )  # fmt: skip
-"""Around head, thighs and feet [m]: all visual meshes in 99% of a random walk over the whole range of commands; a
-foot caught by a push or in a sharp turn at full speed comes out by up to 0.06 m."""
+"""Outline of head, thighs and feet [m]: it holds all visual meshes in 99% of a random walk over the whole range of
+commands; a foot caught by a push or in a sharp turn at full speed comes out by up to 0.06 m."""
 
 ROTOR_INERTIA = 0.000111842
 """About its axis: ``*_rotor`` of the URDF [kg m^2]."""
 GEAR = 6.33
-"""Of hip and thigh: Unitree's GO-M8010-6 motor, data sheet."""
+"""Gear ratio of hip and thigh: Unitree's GO-M8010-6 motor, data sheet."""
 KNEE_GEAR = GEAR * 45.43 / 23.7
 """The knee's linkage turns as much slower as it is stronger, as the URDF's effort and velocity limits have it."""
 

@@ -1,4 +1,4 @@
-"""Small compiled conversions between MuJoCo's arrays and poses, called several times a tick."""
+"""Compiled conversions between MuJoCo's arrays and poses, called several times a tick."""
 
 import math
 
@@ -7,11 +7,11 @@ from numba import njit
 from vuca_nav.types import FloatArray
 
 STEEPEST = 0.1
-"""Squared cosine of the pitch from which on the heading means nothing: 72 degrees."""
+"""Squared cosine of the greatest pitch at which a heading is defined: 72 degrees."""
 
 
 def heading_rate(gyro: FloatArray, up: FloatArray) -> float:
-    """Of base_link's x axis seen from above [rad/s], which while leaning is not the spin about the vertical.
+    """Turn rate of base_link's x axis seen from above [rad/s]; on a leaning body it is not the spin about the vertical.
 
     Args:
         gyro: Angular velocity in base_link (3,) [rad/s].
@@ -29,7 +29,7 @@ def planar_pose(qpos):
 
 @njit(cache=True)
 def place_planar(qpos, qvel, x, y, yaw):
-    """Carry a free joint's body (7,), (6,) to x, y, yaw; its height, its lean and its speed over ground stay."""
+    """Move a free joint's body (7,), (6,) to x, y, yaw; its height, its tilt and its speed over ground stay."""
     _, _, yaw0 = planar_pose(qpos)
     half = 0.5 * (yaw - yaw0)
     c, s = math.cos(half), math.sin(half)
@@ -42,7 +42,7 @@ def place_planar(qpos, qvel, x, y, yaw):
 
 @njit(cache=True)
 def rotation_of(qpos, height, rotation, origin):
-    """Of a free joint's position (7,): the rotation matrix (3, 3), and where a point on its z axis is (3,)."""
+    """Compute a free joint's (7,) rotation matrix (3, 3), and the point ``height`` up its z axis (3,)."""
     w, x, y, z = qpos[3], qpos[4], qpos[5], qpos[6]
     rotation[0, 0], rotation[0, 1], rotation[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
     rotation[1, 0], rotation[1, 1], rotation[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
@@ -53,7 +53,7 @@ def rotation_of(qpos, height, rotation, origin):
 
 @njit(cache=True)
 def place_mocap(part_poses, positions, quaternions):
-    """Put mocap bodies at x, y, yaw (n, 3); their heights stay."""
+    """Move mocap bodies to x, y, yaw (n, 3); their heights stay."""
     for i in range(len(part_poses)):
         positions[i, 0], positions[i, 1] = part_poses[i, 0], part_poses[i, 1]
         half = 0.5 * part_poses[i, 2]

@@ -27,7 +27,7 @@ _CELL = 0.008
 
 
 def cache_folder() -> Path:
-    """Where converted meshes are kept."""
+    """The folder of the converted meshes."""
     base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(base) / "vuca-nav" / "meshes"
 

@@ -46,17 +46,17 @@ WHEEL_MAX_TORQUE = 6.0
 WHEEL_MAX_SPEED = 10.152284264
 """Velocity limit of wheel_*_joint: 1.0 m/s [rad/s]."""
 WHEEL_GAIN = 4.0
-"""Of the velocity servo [N m s/rad]. A wheel spinning free of the floor has 0.0084 kg m^2: at 300 Hz the servo is
+"""Gain of the velocity servo [N m s/rad]. A wheel spinning free of the floor has 0.0084 kg m^2: at 300 Hz the servo is
 stable below 5.0. It only corrects; the torque for a wanted acceleration is fed forward."""
 WHEEL_FRICTION = 1.0
 """Rubber on concrete."""
 CASTERS = ((0.1535, 0.102), (0.1535, -0.102), (-0.1895, 0.102), (-0.1895, -0.102))
-"""Where the caster wheels touch the floor, x and y in base_link [m]: caster_*_1_joint plus caster_*_2_joint."""
+"""Contact points of the caster wheels, x and y in base_link [m]: caster_*_1_joint plus caster_*_2_joint."""
 CASTER_RADIUS = 0.025
 """Collision sphere of caster_*_2_link [m]."""
 CASTER_LIFT = 0.00015
-"""So much higher than the URDF's, so that, as with the real base's sprung wheels, the drive wheels carry about half
-of the weight (a sixth each otherwise) and never slip [m]."""
+"""Height of the casters above the URDF's [m], so that, as with the real base's sprung wheels, the drive wheels carry
+about half of the weight (a sixth each otherwise) and never slip."""
 
 MAX_V_X = 1.0
 """linear.x.max_velocity of PAL's controller (pmb2_controller_configuration, mobile_base_controller.yaml) [m/s]."""
@@ -88,7 +88,7 @@ degrees; ours is the merged scan of a front and a rear one, given from the base'
 is not seen."""
 
 SETTLE_TIME = 0.5
-"""To sink into its contacts, by micrometres, and come to rest [s]."""
+"""Time to sink into the contacts, by micrometres, and to come to rest [s]."""
 
 _HULL = {
     "base": ("cylinder", (0.0, 0.0, 0.1595), (0.269, 0.1365)),
@@ -97,10 +97,11 @@ _HULL = {
     "arm": ("box", (0.1435, -0.0125, 0.639), (0.0565, 0.1905, 0.151)),
     "head": ("box", (0.1395, 0.0, 1.1525), (0.0935, 0.130, 0.1095)),
 }
-"""What collides: type, centre in base_footprint (on the floor) and MuJoCo size [m]. Boxes and a cylinder around the
+"""Collision shapes: type, centre in base_footprint (on the floor) and MuJoCo size [m]. Boxes and a cylinder around the
 links' visual meshes, kept within the footprint; the last 2 cm of the wrist, above the base, stick out of the arm's."""
 _FALLEN = math.cos(math.radians(30.0))
-"""Tilt past saving: with its mass centre 0.39 m high, it tips over forwards from 20 degrees, backwards from 28."""
+"""Vertical part of the upward axis below which it cannot recover:
+with its mass centre 0.39 m high, it tips over forwards from 20 degrees, backwards from 28."""
 
 
 @cache
@@ -121,7 +122,7 @@ def _wheels() -> tuple[str, str]:
 
 
 def fused_base() -> Inertia:
-    """Everything but the drive wheels as one rigid body in base_link, tucked."""
+    """Inertia of everything but the drive wheels as one rigid body in base_link, tucked."""
     urdf = _urdf()
     wheels = {f"{wheel}_link" for wheel in _wheels()}
     return urdf.fuse("base_link", [link for link in urdf.links if link not in wheels], TUCK)
@@ -154,7 +155,7 @@ class Tiago(Body):
         self.settle_time = SETTLE_TIME
 
     def mjcf(self) -> RootElement:
-        """See Body."""
+        """Implements :class:`~robots.bodies.body.Body`."""
         root = RootElement(model=self.spec.name)
         root.compiler.angle = "radian"
         # Explicit on purpose: implicit integrators damp the servos after the contact forces have been solved for,
@@ -190,11 +191,11 @@ class Tiago(Body):
         return root
 
     def bind(self, model: mujoco.MjModel, data: mujoco.MjData, control_dt: float, noise: NoiseConfig) -> "BoundTiago":
-        """See Body."""
+        """Implements :class:`~robots.bodies.body.Body`."""
         return BoundTiago(model, data, control_dt, noise)
 
     def visuals(self) -> tuple[VisualPart, ...]:
-        """See Body."""
+        """Implements :class:`~robots.bodies.body.Body`."""
         return _visuals()
 
 
@@ -223,7 +224,7 @@ class BoundTiago(BoundBody):
         self._odometer = WheelOdometer(noise, np.random.default_rng(0), WHEEL_RADIUS, control_dt)
 
     def reset(self, pose: Pose2, rng: np.random.Generator) -> None:
-        """See BoundBody."""
+        """Implements :class:`~robots.bodies.body.BoundBody`."""
         self._all_qpos[:] = 0.0
         self._qvel[:] = 0.0
         self._ctrl[:] = 0.0
@@ -234,7 +235,7 @@ class BoundTiago(BoundBody):
         self._odometer = WheelOdometer(self._noise, rng, WHEEL_RADIUS, self._dt)
 
     def start_odometry(self) -> None:
-        """See BoundBody."""
+        """Implements :class:`~robots.bodies.body.BoundBody`."""
         left, right = self._encoders
         self._odometer.start(float(self._sensors[left]), float(self._sensors[right]))
 
@@ -266,12 +267,12 @@ class BoundTiago(BoundBody):
         self._ctrl[self._right] = straight + turn
 
     def update_odometry(self) -> None:
-        """See BoundBody."""
+        """Implements :class:`~robots.bodies.body.BoundBody`."""
         sensors, (left, right) = self._sensors, self._encoders
         self._odometer.update(float(sensors[left]), float(sensors[right]), float(sensors[self._gyro_z]))
 
     def odometry(self, stamp: float) -> Odometry:
-        """See BoundBody."""
+        """Implements :class:`~robots.bodies.body.BoundBody`."""
         return self._odometer.odometry(stamp)
 
     def has_fallen(self) -> bool:
@@ -281,7 +282,7 @@ class BoundTiago(BoundBody):
 
 
 def _yaw_inertia() -> float:
-    """Of the whole robot about the vertical through the middle between its wheels [kg m^2]."""
+    """Inertia of the whole robot about the vertical between its wheels [kg m^2]."""
     urdf = _urdf()
     whole = urdf.fuse("base_link", urdf.links, TUCK)
     x, y, _ = whole.centre

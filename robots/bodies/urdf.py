@@ -59,7 +59,7 @@ def combine(inertias: Iterable[Inertia]) -> Inertia:
 
 @dataclass(frozen=True, slots=True)
 class Visual:
-    """What a link looks like: a mesh file, or a primitive."""
+    """The shape of a link: a mesh file, or a primitive."""
 
     link_from_visual: FloatArray
     """(4, 4)"""
@@ -79,13 +79,13 @@ class Link:
 
     name: str
     inertia: Inertia
-    """In the link's frame."""
+    """Inertia in the link's frame."""
     visuals: tuple[Visual, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """What connects a child link to its parent."""
+    """The connection of a child link to its parent."""
 
     name: str
     kind: str
@@ -93,9 +93,9 @@ class Joint:
     parent: str
     child: str
     parent_from_joint: FloatArray
-    """At zero, (4, 4)."""
+    """Transform at position zero, (4, 4)."""
     axis: FloatArray
-    """In the joint's frame, (3,)."""
+    """Axis in the joint's frame, (3,)."""
     effort: float
     """Largest torque or force, 0 if not given [N m or N]."""
     velocity: float

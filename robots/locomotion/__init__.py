@@ -1,1 +1,1 @@
-"""Walking: from a velocity command to the joints of a quadruped, with what its own sensors say."""
+"""Locomotion of quadrupeds: from a velocity command to joint targets, and leg odometry."""

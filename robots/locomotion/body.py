@@ -22,16 +22,19 @@ from robots.noise import NoiseConfig
 from vuca_nav.types import Odometry, Pose2, VelocityCommand
 from worlds.mjcf import RootElement
 
+LEAST_WORTH = 0.3
+"""Share of the weight on the feet from which on the odometry follows the legs: below it, between footfalls, no foot
+stands, and it follows the filtered estimate. Chosen."""
 _REST_TIME = 0.8
-"""For the policy to come to rest after the start-up [s]."""
+"""Time for the policy to come to rest after the start-up [s]."""
 
 
 class Quadruped(Body):
     """A robot on four legs that walks by a learned gait.
 
     Args:
-        config: Which robot.
-        weights: Of its policy; by default those shipped.
+        config: The robot's constants.
+        weights: File of its policy's weights; by default those shipped.
 
     Raises:
         BadUrdf: If the robot's description lacks something.
@@ -47,17 +50,17 @@ class Quadruped(Body):
         self.settle_time = START_UP_TIME + _REST_TIME
 
     def mjcf(self) -> RootElement:
-        """See Body."""
+        """Implements :class:`~robots.bodies.body.Body`."""
         return self.model.mjcf()
 
     def bind(
         self, model: mujoco.MjModel, data: mujoco.MjData, control_dt: float, noise: NoiseConfig
     ) -> "BoundQuadruped":
-        """See Body."""
+        """Implements :class:`~robots.bodies.body.Body`."""
         return BoundQuadruped(self, model, data, control_dt, noise)
 
     def visuals(self) -> tuple[VisualPart, ...]:
-        """See Body."""
+        """Implements :class:`~robots.bodies.body.Body`."""
         return self._visuals
 
     @cached_property
@@ -101,11 +104,11 @@ class BoundQuadruped(BoundBody):
 
     @property
     def gait(self) -> Gait:
-        """What drives the legs."""
+        """The gait that drives the legs."""
         return self._gait
 
     def reset(self, pose: Pose2, rng: np.random.Generator) -> None:
-        """Lie on the floor with folded legs; see BoundBody."""
+        """Lie on the floor with folded legs; implements :class:`~robots.bodies.body.BoundBody`."""
         self._all_qpos[:] = 0.0
         self._all_qvel[:] = 0.0
         self._qpos[:] = (
@@ -122,7 +125,7 @@ class BoundQuadruped(BoundBody):
         self._measured = False
 
     def start_odometry(self) -> None:
-        """See BoundBody."""
+        """Implements :class:`~robots.bodies.body.BoundBody`."""
         self._odometer.start()
 
     def apply(self, command: VelocityCommand) -> None:
@@ -139,31 +142,30 @@ class BoundQuadruped(BoundBody):
         self._measured = False
 
     def update_odometry(self) -> None:
-        """See BoundBody."""
+        """Implements :class:`~robots.bodies.body.BoundBody`."""
         self._take_in()
         gait, sensors = self._gait, self._sensors
-        # Between footfalls nothing stands: go on as estimated.
-        velocity = gait.leg_velocity if gait.worth > 0.3 else gait.velocity
+        velocity = gait.leg_velocity if gait.worth > LEAST_WORTH else gait.velocity
         self._odometer.update(velocity, sensors.gyro, sensors.up)
 
     def odometry(self, stamp: float) -> Odometry:
-        """See BoundBody."""
+        """Implements :class:`~robots.bodies.body.BoundBody`."""
         up = self._sensors.up
         return replace(self._odometer.odometry(stamp), up=(float(up[0]), float(up[1]), float(up[2])))
 
     def has_fallen(self) -> bool:
-        """Whether it leans by more than 50 degrees, has given up, or its trunk is near the floor at height 0."""
+        """Whether the robot leans by more than 50 degrees, has given up, or has its trunk near the floor (z = 0)."""
         return self.has_fallen_at(self._qpos[2])
 
     def has_fallen_at(self, height: float) -> bool:
-        """As ``has_fallen``, with base_link so high over another floor [m]."""
+        """Whether the robot has fallen, with base_link at ``height`` above another floor [m]."""
         x, y = self._qpos[4], self._qpos[5]
         upright = 1.0 - 2.0 * (x * x + y * y)
         given_up = self._gait.mode is Mode.FALLEN
         return bool(given_up or upright < FALLEN_UP or height < self._config.fall_height)
 
     def _forget_targets(self) -> None:
-        """Nothing older than the present targets is on its way to the servos."""
+        """Fill the delay line to the servos with the present targets."""
         model, data = self._model, self._data
         for actuator, target in zip(self._actuators, self._ctrl):
             depth = int(model.actuator_history[actuator, 0])

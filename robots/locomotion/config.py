@@ -1,13 +1,13 @@
-"""What distinguishes one quadruped from another: a constants file is one of these."""
+"""The constants of a quadruped: each robot's file defines one :class:`QuadrupedConfig`."""
 
 from dataclasses import dataclass
 
 from vuca_nav.types import BodySpec, LidarSpec
 
 LEGS = ("FL", "FR", "RL", "RR")
-"""Front left, front right, rear left, rear right: the order of everything that comes four at a time."""
+"""Front left, front right, rear left, rear right: the order of all arrays over legs."""
 JOINTS_PER_LEG = ("hip", "thigh", "calf")
-"""Abduction, hip flexion and knee: the order of everything that comes three to a leg."""
+"""Abduction, hip flexion and knee: the order of all arrays over a leg's joints."""
 NUM_JOINTS = 12
 
 
@@ -20,13 +20,13 @@ class Trot:
     duty: float = 0.55
     """Share of a stride that a foot is on the ground."""
     swing_height: float = 0.09
-    """Of the foot over the ground in mid-swing [m]."""
+    """Height of the foot over the ground in mid-swing [m]."""
     hip_height: float = 0.30
-    """Of the hips over the ground [m]."""
+    """Height of the hips over the ground [m]."""
     stance_width: float = 0.0
-    """How much farther out than under their hips the feet stand [m]."""
+    """Sideways offset of the feet from below their hips, outwards [m]."""
     ramp_time: float = 0.2
-    """In which stepping fades in or out when the command leaves or reaches zero [s]."""
+    """Time in which stepping fades in or out when the command leaves or reaches zero [s]."""
     deadband: float = 0.02
     """Commands slower than this mean standing still [m/s]."""
 
@@ -36,7 +36,7 @@ class Ball:
     """A sphere of a collision model."""
 
     centre: tuple[float, float, float]
-    """In the frame of the body it belongs to [m]."""
+    """Centre in the frame of the body it belongs to [m]."""
     radius: float
     """[m]"""
 
@@ -46,13 +46,13 @@ class Drum:
     """A cylinder of a collision model."""
 
     centre: tuple[float, float, float]
-    """In the frame of the body it belongs to [m]."""
+    """Centre in the frame of the body it belongs to [m]."""
     radius: float
     """[m]"""
     half_length: float
     """[m]"""
     axis: tuple[float, float, float]
-    """Along it, a unit vector."""
+    """Direction of the axis, a unit vector."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ class QuadrupedConfig:
     spec: BodySpec
     lidar: LidarSpec
     urdf: str
-    """In example-robot-data."""
+    """Path in example-robot-data."""
     base: str
     """The trunk's link: base_link."""
     leg_names: tuple[str, str, str, str]
@@ -81,15 +81,15 @@ class QuadrupedConfig:
     trunk_box: tuple[float, float, float]
     """Half sizes of the trunk's collision box [m]."""
     trunk_centre: tuple[float, float, float]
-    """Of that box in base_link [m]."""
+    """Centre of that box in base_link [m]."""
     head: tuple[Ball | Drum, ...]
     """More shapes of the trunk's collision model."""
     hip: Drum
     """The collision shape of a left leg's hip link; those of the right legs are its mirror image."""
     limb_radii: tuple[float, float]
-    """Of the capsules around thigh and shank [m]."""
+    """Radii of the capsules around thigh and shank [m]."""
     height: float
-    """Of the highest point above the floor when it stands [m]."""
+    """Height of the highest point above the floor when the robot stands [m]."""
     armature: tuple[float, float, float]
     """Inertia of a motor's rotor as felt at the joint [kg m^2], hip, thigh, calf."""
     joint_damping: float
@@ -99,29 +99,29 @@ class QuadrupedConfig:
     torque_limits: tuple[float, float, float]
     """[N m]; checked against the URDF's."""
     speed_limits: tuple[float, float, float]
-    """Without load [rad/s]; checked against the URDF's."""
+    """Joint speeds without load [rad/s]; checked against the URDF's."""
     full_torque_speed: float
     """Share of that speed up to which a motor gives its full torque; from there it falls to none in a straight line."""
     latency: float
-    """From a measurement until its targets reach the servos, in the simulation [s]."""
+    """Delay from a measurement until its targets reach the servos, in the simulation [s]."""
     kp: float
-    """Of the joints' position servos [N m/rad]."""
+    """Stiffness of the joints' position servos [N m/rad]."""
     kd: float
-    """[N m s/rad]"""
+    """Damping of the joints' position servos [N m s/rad]."""
     action_scale: tuple[float, float, float]
-    """What an action of one adds to a joint's target [rad]."""
+    """Change of a joint's target by an action of one [rad]."""
     lying: tuple[float, float, float]
     """Joint angles of a leg folded under the lying trunk [rad]."""
     lying_height: float
-    """Of base_link over the floor then [m]."""
+    """Height of base_link over the floor then [m]."""
     fall_height: float
-    """Of base_link over the floor: below it, it lies [m]."""
+    """Height of base_link over the floor below which the robot lies [m]."""
     side_slip: float
     """Feet under load creep: the body drifts by so much times its centripetal acceleration, outwards [s]."""
     yaw_lever: float
     """Turns rad/s into m/s when it is asked whether a command is slow [m]."""
     control_rate: int
-    """Of the gait [Hz]."""
+    """Rate of the gait [Hz]."""
     trot: Trot
     weights: str
     """File in robots/locomotion/weights."""

@@ -24,20 +24,20 @@ from robots.locomotion.odometry import VELOCITY_GAIN
 from vuca_nav.types import FloatArray, VelocityCommand
 
 FOLD_TIME = 0.3
-"""From however the legs lie to folded under the trunk [s]."""
+"""Time to fold the legs under the trunk, however they lie [s]."""
 RISE_TIME = 1.0
-"""From lying to standing [s]."""
+"""Time to rise from lying to standing [s]."""
 STEADY_TIME = 0.4
-"""Standing on stiff legs before the policy takes over [s]."""
+"""Time on stiff legs before the policy takes over [s]."""
 START_UP_TIME = FOLD_TIME + RISE_TIME + STEADY_TIME
 FALLEN_UP = math.cos(math.radians(50.0))
 """Vertical part of the trunk's upward axis below which it is falling."""
 FALLEN_TICKS = 3
-"""So many control steps below it in a row: not one bad sample."""
+"""Number of control steps in a row below it that count as a fall; a single one may be a bad sample."""
 
 
 class Mode(Enum):
-    """What the legs are doing."""
+    """Mode of the legs."""
 
     STARTING = auto()
     """Lying, then rising; commands are ignored."""
@@ -48,12 +48,12 @@ class Mode(Enum):
 
 
 class GaitState(NamedTuple):
-    """What one gait remembers from a control step to the next, as its kernels take it; changed in place."""
+    """Memory of one gait from a control step to the next, as its kernels take it; changed in place."""
 
     wanted: FloatArray
     """Velocity command (3,) [m/s, m/s, rad/s]."""
     command: FloatArray
-    """The same behind the slew limit (3,)."""
+    """Velocity command behind the slew limit (3,) [m/s, m/s, rad/s]."""
     clock: FloatArray
     """Phase and how far stepping has faded in, 0-1 (2,)."""
     trim: FloatArray
@@ -61,24 +61,24 @@ class GaitState(NamedTuple):
     asked: FloatArray
     """Command plus trim (3,)."""
     lifts: FloatArray
-    """How much higher than in the nominal trot each foot is (4,) [m]."""
+    """Height of each foot above the nominal trot's (4,) [m]."""
     action: FloatArray
-    """The policy's last (ACTION_SIZE,)."""
+    """Last action of the policy (ACTION_SIZE,)."""
     targets: FloatArray
-    """Of the joints (ACTION_SIZE,) [rad]."""
+    """Targets of the joints (ACTION_SIZE,) [rad]."""
     last_targets: FloatArray
-    """Those of the control step before (ACTION_SIZE,) [rad]."""
+    """Targets of the control step before (ACTION_SIZE,) [rad]."""
     velocity: FloatArray
     """Estimate of the body's velocity, forward and left (2,) [m/s]."""
     leg_velocity: FloatArray
-    """What the standing legs say of it now, unfiltered (2,) [m/s]."""
+    """The velocity that the standing legs measure now, unfiltered (2,) [m/s]."""
     observation: FloatArray
-    """Of the policy (OBSERVATION_SIZE,)."""
+    """Observation of the policy (OBSERVATION_SIZE,)."""
 
 
 @njit(cache=True)
 def _estimate(legs, tuning, gyro, up, q, dq, state):
-    """Update the velocity estimate from one sample; share of the weight that says so, -1 if a number is not finite."""
+    """Update the velocity estimate by one sample; returns its worth, -1 if a number is not finite."""
     for values in (gyro, up, q, dq):
         for value in values:
             if not math.isfinite(value):
@@ -91,7 +91,7 @@ def _estimate(legs, tuning, gyro, up, q, dq, state):
 
 @njit(cache=True)
 def _walk(legs, tuning, gyro, up, q, dq, yaw_rate, state, layers):
-    """Set the joints' targets of one control step of walking; -1, or what ``forward`` says of a bad number."""
+    """Set the joints' targets for one control step of walking; returns what ``forward`` returns."""
     advance_clock(tuning, state.wanted, state.command, state.clock)
     advance_trim(tuning, state.command, state.clock, state.velocity, yaw_rate, state.trim, state.asked)
     fill_observation(
@@ -104,7 +104,9 @@ def _walk(legs, tuning, gyro, up, q, dq, yaw_rate, state, layers):
 
 
 class Gait:
-    """One robot's gait. Sensors in, joint targets out; borrowed arrays throughout, nothing is allocated.
+    """The gait of one robot: it takes the sensors' readings and returns joint targets.
+
+    Arrays are borrowed throughout; a step allocates nothing.
 
     Args:
         model: The robot.
@@ -112,11 +114,11 @@ class Gait:
         control_dt: Time between two calls of ``step`` [s].
 
     Attributes:
-        mode: What the legs are doing.
-        state: What it remembers from a control step to the next.
+        mode: Mode of the legs.
+        state: Memory of the gait from a control step to the next.
         velocity: Estimate of the body's velocity, forward and left (2,) [m/s].
-        leg_velocity: What the standing legs say of it now, unfiltered (2,) [m/s].
-        worth: How much of the weight says so, 0-1.
+        leg_velocity: The velocity that the standing legs measure now, unfiltered (2,) [m/s].
+        worth: Share of the weight on these legs, 0-1: how much ``leg_velocity`` is worth.
     """
 
     def __init__(self, model: QuadrupedModel, policy: PolicyNetwork, control_dt: float):

@@ -1,7 +1,7 @@
 """One control step of a gait around the network, compiled: nominal trot, velocity estimate, observation.
 
 The simulation runs these on one robot, the training on hundreds; arrays are one robot's rows, filled in place.
-Everything is computed from what the robot measures or was told.
+All results follow from the robot's own measurements and commands.
 """
 
 import math
@@ -16,19 +16,19 @@ OBSERVATION_SIZE = 49
 """gyro 3, up 3, command 3, joint angles 12, joint speeds 12, last action 12, clock 2, estimated velocity 2."""
 ACTION_SIZE = 12
 RATE_SCALE = 0.05
-"""Of joint speeds in the observation [s/rad]."""
+"""Scale of joint speeds in the observation [s/rad]."""
 GYRO_SCALE = 0.25
-"""Of angular rates in the observation [s/rad]."""
+"""Scale of angular rates in the observation [s/rad]."""
 TRIM_RATE = 1.0
-"""Of the integral that takes away steady errors of the velocity [1/s]."""
+"""Rate of the integral that removes steady errors of the velocity [1/s]."""
 TRIM_LIMIT = 0.1
-"""[m/s]"""
+"""Greatest trim of v_x and of v_y [m/s]."""
 TURN_TRIM_LIMIT = 0.1
-"""[rad/s]"""
+"""Greatest trim of w_z [rad/s]."""
 LEVELLING_TIME = 0.5
-"""In which a tilt of the trunk is taken away while it rises; with it as time constant that fades again [s]."""
+"""Time constant with which the trunk is levelled while it rises, and with which that fades afterwards [s]."""
 LEVELLING_LIMIT = 0.2
-"""The greatest tilt that is [rad]."""
+"""Greatest tilt that is levelled [rad]."""
 
 
 class Tuning(NamedTuple):
@@ -45,13 +45,13 @@ class Tuning(NamedTuple):
     kp: float
     kd: float
     weight: float
-    """Of the robot [N]."""
+    """Weight of the robot [N]."""
     max_torque: np.ndarray
     """(3,) [N m]"""
     stall_torque: np.ndarray
-    """Where the straight line of torque against speed begins (3,) [N m]."""
+    """Torque at standstill on the straight line of torque against speed (3,) [N m]."""
     no_load_speed: np.ndarray
-    """Where it ends (3,) [rad/s]."""
+    """Speed at which that line reaches zero torque (3,) [rad/s]."""
     slew: np.ndarray
     """Largest change of the command, v_x, v_y, w_z (3,) [m/s^2, rad/s^2]."""
     nominal: np.ndarray
@@ -63,7 +63,7 @@ class Tuning(NamedTuple):
     upper: np.ndarray
     """(12,) [rad]"""
     fall_height: float
-    """Of base_link over the floor: below it, it lies [m]."""
+    """Height of base_link over the floor below which the robot lies [m]."""
     side_slip: float
     """See QuadrupedConfig [s]."""
     yaw_lever: float
@@ -75,7 +75,7 @@ def advance_clock(tuning, wanted, command, clock):
     """Move the command towards the wanted one, and the gait's clock on.
 
     Args:
-        tuning: Of the gait.
+        tuning: The gait's constants.
         wanted: (3,) v_x, v_y, w_z.
         command: (3,) what is asked of the policy; changed.
         clock: (2,) phase 0-1 and how far stepping has faded in, 0-1; changed.
@@ -91,10 +91,10 @@ def advance_clock(tuning, wanted, command, clock):
 
 @njit(cache=True)
 def advance_trim(tuning, command, clock, velocity, yaw_rate, trim, asked):
-    """Integrate what the estimate says is missing of the command, so that no steady error stays.
+    """Integrate the difference of command and estimated velocity, so that no steady error stays.
 
     Args:
-        tuning: Of the gait.
+        tuning: The gait's constants.
         command: (3,) after the slew limit.
         clock: (2,); standing still, the trim fades.
         velocity: (2,) as estimated.
@@ -115,7 +115,7 @@ def advance_trim(tuning, command, clock, velocity, yaw_rate, trim, asked):
 
 @njit(cache=True)
 def leg_phase(leg, phase):
-    """Of one leg's stride, 0-1; diagonal legs go together."""
+    """Phase of one leg's stride, 0-1; diagonal legs go together."""
     return (phase + (0.5 if leg == 1 or leg == 2 else 0.0)) % 1.0
 
 
@@ -124,8 +124,8 @@ def level_trunk(legs, tuning, up, tilt, lifts):
     """Shorten the higher legs of a robot that stands, and lengthen the lower ones, until its trunk is level.
 
     Args:
-        legs: Dimensions.
-        tuning: Of the gait.
+        legs: The legs' dimensions.
+        tuning: The gait's constants.
         up: (3,) the vertical in base_link.
         tilt: (2,) what is taken away of it, forward and left [rad]; changed.
         lifts: (4,) how much higher than in the nominal trot each foot is [m]; changed.
@@ -178,7 +178,7 @@ def trot_angles(legs, tuning, command, clock, lifts, out):
 
 @njit(cache=True)
 def servo_torque(tuning, joint, target, q, dq):
-    """What a joint's servo gives, limited as in the model's actuators [N m]."""
+    """Torque of a joint's servo, limited as in the model's actuators [N m]."""
     k = joint % 3
     limit, stall, share = tuning.max_torque[k], tuning.stall_torque[k], dq / tuning.no_load_speed[k]
     torque = min(max(tuning.kp * (target - q) - tuning.kd * dq, -stall * (1.0 + share)), stall * (1.0 - share))
@@ -187,11 +187,11 @@ def servo_torque(tuning, joint, target, q, dq):
 
 @njit(cache=True)
 def foot_motion(legs, leg, q, dq, gyro, up, torque, out):
-    """What one leg says of the body's velocity if its foot stands and rolls without slipping.
+    """Compute the body's velocity from one leg whose foot stands and rolls without slipping.
 
     Args:
-        legs: Dimensions.
-        leg: Which.
+        legs: The legs' dimensions.
+        leg: Index of the leg.
         q: (3,) angles.
         dq: (3,) their speeds.
         gyro: (3,) angular velocity in base_link.
@@ -233,7 +233,7 @@ def _triple(a, b, c):
 
 @njit(cache=True)
 def leg_velocity(legs, tuning, gyro, up, q, dq, targets, last_targets, out):
-    """The body's velocity as the standing feet give it, along the floor. out: (2,) forward, left [m/s].
+    """Compute the body's velocity along the floor from the standing feet. out: (2,) forward, left [m/s].
 
     Each foot counts by the cube of the force it carries. Targets reach the servos up to a control step late, so it is
     not known which ones a measurement was made under: a foot carries what both the present and the last ones say.
@@ -273,7 +273,7 @@ def leg_velocity(legs, tuning, gyro, up, q, dq, targets, last_targets, out):
 
 @njit(cache=True)
 def level_velocity(up, v0, v1, v2, out):
-    """A velocity in base_link as forward and left parts along the floor. out: (2,)."""
+    """Split a velocity in base_link into forward and left along the floor. out: (2,)."""
     # Forward is x less its part along up; left is up x forward.
     f0, f1, f2 = 1.0 - up[0] * up[0], -up[0] * up[1], -up[0] * up[2]
     length = math.sqrt(max(f0 * f0 + f1 * f1 + f2 * f2, 1e-9))
@@ -285,7 +285,7 @@ def level_velocity(up, v0, v1, v2, out):
 
 @njit(cache=True)
 def fill_observation(tuning, gyro, up, command, q, dq, action, clock, velocity, out):
-    """The policy's input. out: (OBSERVATION_SIZE,)."""
+    """Fill the policy's input. out: (OBSERVATION_SIZE,)."""
     for i in range(3):
         out[i] = GYRO_SCALE * gyro[i]
         out[3 + i] = up[i]

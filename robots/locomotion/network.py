@@ -36,7 +36,7 @@ class BadObservation(VucaError):
 
 
 def gait_contract(config: QuadrupedConfig) -> str:
-    """What a policy was trained around, and must be run around: as text, for the weights' metadata."""
+    """The constants that a policy was trained with and must run with, as text for the weights' metadata."""
     spec = config.spec
     gait = {
         "kp": config.kp, "kd": config.kd, "action_scale": config.action_scale, "control_rate": config.control_rate,

@@ -14,9 +14,9 @@ from vuca_nav.types import FloatArray, Odometry, Pose2, Twist2
 VELOCITY_GAIN = 0.3
 """Share by which the velocity estimate follows the standing legs each control step: a low-pass of 0.05 s."""
 _BLOCK = 64
-"""Samples whose noise is drawn at once."""
+"""Number of samples whose noise is drawn at once."""
 _NUM_NORMAL = 29
-"""Gyro 3, tilt 2, joint angles 12, joint speeds 12."""
+"""Number of normal deviates of a sample: gyro 3, tilt 2, joint angles 12, joint speeds 12."""
 
 
 class SensorFlaws(NamedTuple):
@@ -35,7 +35,7 @@ class SensorFlaws(NamedTuple):
     tilt_noise: float
     """[rad]"""
     zeros: FloatArray
-    """Of the joints (12,) [rad]."""
+    """Errors of the joints' zeros (12,) [rad]."""
     angle_noise: float
     """[rad]"""
     speed_noise: float
@@ -43,7 +43,7 @@ class SensorFlaws(NamedTuple):
 
 
 class SensorReadings(NamedTuple):
-    """What the sensors report."""
+    """Readings of the sensors, in the arrays of :class:`LegSensors`."""
 
     gyro: FloatArray
     up: FloatArray
@@ -52,11 +52,11 @@ class SensorReadings(NamedTuple):
 
 
 class LegSensors:
-    """The robot's IMU and encoders: true values in, what they report out.
+    """The robot's IMU and encoders, which corrupt true values.
 
     Args:
-        noise: How much.
-        rng: Source of randomness; used by nothing else.
+        noise: Size of the errors.
+        rng: Source of randomness, which nothing else draws from.
         dt: Time between samples [s].
 
     Attributes:
@@ -119,8 +119,8 @@ class LegOdometer:
     """Integrates the standing legs' velocity along the heading, and the heading from the gyro.
 
     Args:
-        noise: How much.
-        rng: Source of randomness; used by nothing else.
+        noise: Size of the errors.
+        rng: Source of randomness, which nothing else draws from.
         dt: Time between updates [s].
     """
 
@@ -132,7 +132,7 @@ class LegOdometer:
         self._v_x = self._v_y = 0.0
 
     def start(self) -> None:
-        """Take here and now as the origin."""
+        """Take the present pose as the origin."""
         self._x = self._y = self._yaw = self._rate = 0.0
         self._v_x = self._v_y = 0.0
 

@@ -67,7 +67,7 @@ def save_scene(world: World, path: str | Path) -> None:
     """Write a world so that :func:`load_scene` gives an equal one back.
 
     Args:
-        world: Any.
+        world: Any world.
         path: Of the file; an existing one is replaced.
 
     Raises:

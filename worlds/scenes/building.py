@@ -78,9 +78,9 @@ def building(seed: int, movers: int, footprint_radius: float) -> World:
     """From the lobby to a far room, through a crowd that avoids walls, each other and the robot.
 
     Args:
-        seed: Of the world.
-        movers: How many people.
-        footprint_radius: Of the body that must get through [m].
+        seed: Seed of the world.
+        movers: Number of pedestrians.
+        footprint_radius: Radius of the circle about the footprint that must get through [m].
 
     Raises:
         BadWorld: No solvable layout, or no room for as many people.

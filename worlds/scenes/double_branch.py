@@ -24,9 +24,9 @@ def double_branch(seed: int, movers: int, footprint_radius: float) -> World:
     """A block with a way round either side; the movers keep to the shorter one, whose ends are narrow.
 
     Args:
-        seed: Of the world; it also decides on which side the short branch is.
+        seed: Seed of the world; it also decides on which side the short branch is.
         movers: How many there are in the short branch.
-        footprint_radius: Of the body that must get through [m].
+        footprint_radius: Radius of the circle about the footprint that must get through [m].
     """
     layout, field = solvable_layout(NAME, seed, footprint_radius, _layout)
     x0, y0, x1, y1 = layout.bounds

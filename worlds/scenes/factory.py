@@ -29,9 +29,9 @@ def factory(seed: int, region: int, footprint_radius: float) -> World:
     """Region ``region`` of the factory: the first quarters, closed off from the others.
 
     Args:
-        seed: Of the world.
+        seed: Seed of the world.
         region: 1 to 4; the start is in the first quarter's near corner, the goal in the last one's far corner.
-        footprint_radius: Of the body that must get through [m].
+        footprint_radius: Radius of the circle about the footprint that must get through [m].
     """
     layout, field = solvable_layout(NAME, seed, footprint_radius, lambda rng: _layout(rng, region), region)
     movers: tuple[Mover, ...] = ()

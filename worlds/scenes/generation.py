@@ -113,10 +113,10 @@ def solvable_layout(
     """The first layout of this seed's sequence that can be solved, with its clearance.
 
     Args:
-        name: Of the world; part of the seed.
-        seed: Of the world.
-        footprint_radius: Of the body that must get through [m].
-        draw: Makes a layout, or None if this draw came to nothing.
+        name: The world's name; part of the seed.
+        seed: Seed of the world.
+        footprint_radius: Radius of the circle about the footprint that must get through [m].
+        draw: Draws a layout from a random stream, or None if the draw failed.
         keys: Further parts of the seed.
 
     Raises:

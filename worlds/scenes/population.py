@@ -152,11 +152,11 @@ def walked_ground(
     """Open ground with walkers of every shape all over it.
 
     Args:
-        name: Of the world; part of the seed.
-        seed: Of the world.
-        footprint_radius: Of the body that must get through [m].
-        draw: Makes a layout, or None if this draw came to nothing.
-        movers: How many.
+        name: The world's name; part of the seed.
+        seed: Seed of the world.
+        footprint_radius: Radius of the circle about the footprint that must get through [m].
+        draw: Draws a layout from a random stream, or None if the draw failed.
+        movers: Number of moving obstacles.
         speeds: Slowest and fastest [m/s].
     """
     layout, field = solvable_layout(name, seed, footprint_radius, draw)

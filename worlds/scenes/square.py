@@ -32,9 +32,9 @@ def square(seed: int, movers: int, footprint_radius: float) -> World:
     """A plaza crossed from one corner to the opposite one, through everything that moves on it.
 
     Args:
-        seed: Of the world.
-        movers: How many.
-        footprint_radius: Of the body that must get through [m].
+        seed: Seed of the world.
+        movers: Number of moving obstacles.
+        footprint_radius: Radius of the circle about the footprint that must get through [m].
     """
     return walked_ground(NAME, seed, footprint_radius, _layout, movers, MOVER_SPEEDS)
 

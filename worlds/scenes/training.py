@@ -31,8 +31,8 @@ def static(seed: int, footprint_radius: float) -> World:
     """Walls and roadblocks; nothing moves.
 
     Args:
-        seed: Of the world.
-        footprint_radius: Of the body that must get through [m].
+        seed: Seed of the world.
+        footprint_radius: Radius of the circle about the footprint that must get through [m].
     """
     layout, _ = solvable_layout(STATIC, seed, footprint_radius, lambda rng: _layout(rng, WALLS, ROADBLOCKS))
     return layout.world(STATIC, seed)
@@ -42,9 +42,9 @@ def dynamic(seed: int, movers: int, footprint_radius: float) -> World:
     """Open ground on which many shapes walk at random.
 
     Args:
-        seed: Of the world.
-        movers: How many.
-        footprint_radius: Of the body that must get through [m].
+        seed: Seed of the world.
+        movers: Number of moving obstacles.
+        footprint_radius: Radius of the circle about the footprint that must get through [m].
     """
     return walked_ground(DYNAMIC, seed, footprint_radius, lambda rng: _layout(rng, 0, 0), movers, MOVER_SPEEDS)
 
