@@ -1,4 +1,4 @@
-"""Shapes as arrays: what the ray caster, the movers and the training arena compute on."""
+"""Shapes as arrays, for the ray caster, the movers and the training arena."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What a world must fulfil beyond its format: free start and goal, movers in free places, a way to the goal."""
+"""Checks of a world beyond its format: a free start and goal, movers in free places, a way to the goal."""
 
 import math
 from collections.abc import Sequence
@@ -12,25 +12,29 @@ from worlds.shortest_path import shortest_path_length
 from worlds.world import Box, Mover, Patrol, RandomWalk, Shape, World
 
 MAX_EXTENT = 200.0
-"""Of the bounds, each way [m]: what the grids of paths and movers are made for."""
+"""Greatest extent of the bounds along x and along y [m], for which the grids of paths and movers are made."""
 MIN_HEIGHT = 0.05
-"""Of the top of anything above the floor [m]. A body's hull may end above something lower, as TIAGo's at 0.023 m:
-touching it would go unnoticed."""
+"""Least height of an obstacle's or mover's top above the floor [m]. A robot's collision hull ends above the floor,
+TIAGo's at 0.023 m: it would pass over anything lower without a contact."""
+_HALF_DIAGONAL = 0.71
+"""Half the diagonal of a unit cell, rounded up."""
+_ROUNDING = 1e-6
+"""Slack for numbers that a scene file has rounded [m]."""
 START_MARGIN = 0.1
-"""Between the robot and a mover when an episode begins [m]."""
+"""Least distance between the robot and a mover when an episode begins [m]."""
 
 
 def check_world(world: World, source: str = "") -> None:
-    """Refuse a world whose task or movers cannot be where they are put.
+    """Refuse a world whose start, goal or movers cannot be where they are put.
 
     Args:
         world: Any world.
-        source: Named in front of each message, as a file's name.
+        source: Name that begins each message, such as the file's.
 
     Raises:
-        BadWorld: Empty or endless bounds; something too low to be noticed; start or goal inside an obstacle or out of
-            bounds; a mover that starts in an obstacle, does not fit its own radius, patrols through a wall, or has no
-            way 2.2 m wide to walk in.
+        BadWorld: Empty or too large bounds; an obstacle too low for a contact; start or goal inside an obstacle or out
+            of bounds; a mover that starts in an obstacle, does not fit into its own radius, patrols through a wall, or
+            walks at random outside ways of 2.2 m width.
     """
     where = f"{source}: " if source else ""
     x0, y0, x1, y1 = world.bounds
@@ -67,14 +71,14 @@ def check_task(world: World, footprint_radius: float, source: str = "") -> float
     Args:
         world: Any world.
         footprint_radius: Radius of the circle about the footprint [m].
-        source: Named in front of each message.
+        source: Name that begins each message.
 
     Returns:
-        Length of the shortest way if nothing moved [m].
+        Length of the shortest way around the static obstacles alone [m].
 
     Raises:
         BadWorld: Start or goal is too near to an obstacle or to the bounds, a mover is where the robot starts, or no
-            way joins start and goal, even if nothing moved.
+            way joins start and goal, even without the moving obstacles.
     """
     where = f"{source}: " if source else ""
     _check_place(world, "start", world.start[:2], footprint_radius, where)
@@ -96,7 +100,7 @@ def check_task(world: World, footprint_radius: float, source: str = "") -> float
 
 
 def _check_height(shapes: Sequence[Shape], name: str, where: str) -> None:
-    """Something that a body notices when it touches it."""
+    """Refuse shapes whose top is too low for a contact."""
     top = max(shape.base + shape.height for shape in shapes)
     if top < MIN_HEIGHT:
         raise BadWorld(
@@ -106,7 +110,7 @@ def _check_height(shapes: Sequence[Shape], name: str, where: str) -> None:
 
 
 def _check_place(world: World, name: str, point: tuple[float, float], radius: float, where: str) -> None:
-    """A point in the bounds, and so far from them and from every obstacle."""
+    """Refuse a point out of bounds, or nearer than ``radius`` to them or to an obstacle."""
     (x0, y0, x1, y1), (x, y) = world.bounds, point
     if not (x0 <= x <= x1 and y0 <= y <= y1):
         raise BadWorld(
@@ -144,7 +148,7 @@ def part_reach(shape: Shape, swing: float) -> float:
 
 def _check_mover(world: World, i: int, mover: Mover, field: ClearanceField, where: str) -> None:
     reach = max(part_reach(part.shape, part.swing) for part in mover.parts)
-    if mover.radius < reach - 1e-6:
+    if mover.radius < reach - _ROUNDING:
         raise BadWorld(
             f"{where}movers[{i}].radius: {mover.radius:g} does not hold the parts; {reach:.3f} or more would be right"
         )
@@ -152,7 +156,7 @@ def _check_mover(world: World, i: int, mover: Mover, field: ClearanceField, wher
     if isinstance(mover.motion, RandomWalk):
         return
     waypoints = mover.motion.waypoints
-    if isinstance(mover.motion, Patrol) and math.dist(waypoints[0], mover.start[:2]) > 1e-6:
+    if isinstance(mover.motion, Patrol) and math.dist(waypoints[0], mover.start[:2]) > _ROUNDING:
         raise BadWorld(
             f"{where}movers[{i}].motion.waypoints[0]: a patrol starts at its first waypoint; "
             f"({mover.start.x:g}, {mover.start.y:g}) would be right, which is its start"
@@ -162,8 +166,8 @@ def _check_mover(world: World, i: int, mover: Mover, field: ClearanceField, wher
         for n in range(steps + 1):
             share = n / max(steps, 1)
             x, y = a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])
-            # Of a cell's centre, at most half a diagonal from the point itself.
-            if field.distance[field.cell(x, y)] + 0.71 * field.resolution < mover.radius:
+            # The field is exact at the cell's centre, which is at most half a diagonal from the point.
+            if field.distance[field.cell(x, y)] + _HALF_DIAGONAL * field.resolution < mover.radius:
                 raise BadWorld(
                     f"{where}movers[{i}].motion.waypoints[{k}]: on the straight way there the mover hits an "
                     f"obstacle at ({x:.2f}, {y:.2f}); free straight ways would be right"

@@ -1,4 +1,4 @@
-"""How far every place of a scene is from the nearest solid: exact distances at the centres of a grid's cells."""
+"""Clearance of every place of a scene to the nearest static obstacle, exact at the centres of a grid's cells."""
 
 import math
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ class ClearanceField:
     """Distances on a grid over the bounds; row 0 is the lowest y, column 0 the lowest x."""
 
     distance: FloatArray
-    """(rows, columns): of a cell's centre to the nearest obstacle or to the bounds, 0 inside, capped [m]."""
+    """Distance of each cell's centre to the nearest obstacle or to the bounds, 0 inside, capped (rows, columns) [m]."""
     origin: tuple[float, float]
     """Lower-left corner of cell (0, 0) in the world [m]."""
     resolution: float
@@ -81,8 +81,8 @@ def clearance_field(
     """Exact clearance at every cell's centre, whatever the obstacles' heights.
 
     Args:
-        obstacles: What stands still.
-        bounds: x_min, y_min, x_max, y_max; beyond them is solid [m].
+        obstacles: The static obstacles.
+        bounds: x_min, y_min, x_max, y_max; the space beyond them counts as solid [m].
         resolution: Side of a cell [m].
         cap: Distances above this are reported as this; the cost grows with it [m].
     """
@@ -113,7 +113,7 @@ def _nearest(is_cylinder, centre, half, yaw, x, y):
 
 
 def clearance_at(shapes: ShapeArrays, x: float, y: float) -> tuple[float, int]:
-    """Distance of a point to the nearest of the shapes, 0 inside [m], and which; ``(inf, -1)`` if there is none."""
+    """Distance of a point to the nearest shape, 0 inside [m], and its index; ``(inf, -1)`` if there is none."""
     return _nearest(shapes.is_cylinder, shapes.centre, shapes.half, shapes.yaw, x, y)
 
 

@@ -1,4 +1,7 @@
-"""How many seeds of a world can be solved at all: ``python -m worlds.fairness factory --region 4 --radius 0.285``."""
+"""Share of a world's seeds that can be solved: ``python -m worlds.fairness factory --region 4 --radius 0.285``.
+
+A seed counts as solvable if a disc that knows where every mover will be can reach the goal within the time limit.
+"""
 
 import sys
 from collections.abc import Iterable
@@ -15,12 +18,12 @@ from worlds.registry import make_world
 from worlds.shortest_path import shortest_path_length
 
 RADII, RESOLUTIONS = (0.01, 2.0), (0.02, 2.0)
-"""That make sense: a larger body has no way through any of the worlds, a finer grid takes hours [m]."""
+"""Accepted ranges [m]: a larger body has no way through any of the worlds, and a finer grid takes hours."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fairness:
-    """Of the seeds that were asked, which can be solved and how fast."""
+    """Result of :func:`fairness`: the seeds that can be solved, and how fast."""
 
     unsolved: tuple[int, ...]
     """Seeds whose goal cannot be reached before the time limit."""
@@ -31,7 +34,7 @@ class Fairness:
 
     @property
     def share(self) -> float:
-        """Of solvable seeds, 0 to 1."""
+        """Share of solvable seeds, 0 to 1."""
         return len(self.times) / (len(self.times) + len(self.unsolved))
 
 
@@ -45,16 +48,16 @@ def fairness(
     v_max: float = 1.0,
     resolution: float = 0.2,
 ) -> Fairness:
-    """Space-time reachability over seeds, within an episode's time limit: of the worlds that such a body gets.
+    """Test the space-time reachability of the goal within an episode's time limit, over seeds.
 
     Args:
         world: Name of a world.
-        seeds: Of the worlds.
-        radius: Of the disc, and of the body that the worlds are made for; the circle about TIAGo's footprint has
-            0.2843 m [m].
+        seeds: Seeds of the worlds.
+        radius: Radius of the disc and of the body that the worlds are made for [m]; the circle about TIAGo's
+            footprint has 0.2843 m.
         region: Region of the factory, 1 to 4.
         movers: Number of moving obstacles, for the worlds that take it.
-        v_max: TIAGo's is 1.0 m/s [m/s].
+        v_max: Greatest speed of the disc [m/s]; TIAGo's is 1.0 m/s.
         resolution: Side of a cell of the grid in space [m].
     """
     unsolved, times, lengths = [], [], []
@@ -77,15 +80,15 @@ class FairnessArguments:
     world: tyro.conf.Positional[str]
     """Name of a world."""
     radius: float
-    """Of the body, 0.285 for TIAGo [m]."""
+    """Radius of the body [m]; 0.285 for TIAGo."""
     seeds: int = 100
-    """How many, from 0."""
+    """Number of seeds, from 0."""
     region: int | None = None
-    """Of the factory."""
+    """Region of the factory."""
     movers: int | None = None
-    """How many, for the worlds that take it."""
+    """Number of moving obstacles, for the worlds that take it."""
     resolution: float = 0.2
-    """Of the grid in space [m]."""
+    """Side of a cell of the grid in space [m]."""
 
 
 def main(arguments: FairnessArguments) -> None:

@@ -1,7 +1,7 @@
-"""A world as an MJCF model: the floor, what stands still as geoms, and one mocap body for each part of a mover.
+"""A world as an MJCF model: the floor, static obstacles as geoms, and a mocap body for each part of a mover.
 
 Collision bits: a body's geoms carry ``contype`` of what they may touch, the world's geoms the matching
-``conaffinity``, so nothing of the world is ever tested against the rest of the world.
+``conaffinity``, so no geom of the world is ever tested against another one of the world.
 """
 
 # pyright: reportAttributeAccessIssue=false, reportOptionalMemberAccess=false
@@ -13,9 +13,9 @@ import warnings
 from worlds.world import Cylinder, Shape, World
 
 with warnings.catch_warnings():
-    # On a machine without a display, importing dm_control warns that nothing can be rendered; nothing is.
+    # On a machine without a display, importing dm_control warns that rendering is impossible: none happens.
     warnings.simplefilter("ignore")
-    from dm_control.mjcf import Element as Element  # for those who build bodies
+    from dm_control.mjcf import Element as Element  # for the modules that build bodies
     from dm_control.mjcf import RootElement as RootElement
 
 TOUCHES_FLOOR = 1
@@ -34,12 +34,12 @@ _MOVER_COLOUR = (0.80, 0.35, 0.25, 1.0)
 
 
 def obstacle_name(index: int, kind: str) -> str:
-    """The geom of ``world.obstacles[index]``."""
+    """Name of the geom of ``world.obstacles[index]``."""
     return f"{kind}_{index}"
 
 
 def part_name(mover: int, part: int, kind: str) -> str:
-    """The mocap body, and its geom, of one part of ``world.movers[mover]``."""
+    """Name of the mocap body, and of its geom, of one part of ``world.movers[mover]``."""
     return f"{kind}_{mover}_part_{part}"
 
 

@@ -1,4 +1,4 @@
-"""Worlds by name."""
+"""The registry of worlds: generators by their names."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ DIFFICULTIES = {
     "C": "complex: corridors and dead ends",
     "A": "ambiguous: pose and ranges are noisy",
 }
-"""What ``without`` can switch off, in its order; V and C are the world's, U and A the robot's."""
+"""Difficulties that ``without`` switches off, in their order; V and C are the world's, U and A the robot's."""
 TRAINING_SEED = 1_000_000
 """Policies are trained in worlds of this seed and those above it, and tested in worlds of seeds below."""
 SCENE_SUFFIXES = (".yaml", ".yml")
@@ -24,10 +24,10 @@ CORRIDOR_KINDS = ("wall", "block", "shelf")
 
 @dataclass(frozen=True, slots=True)
 class WorldKind:
-    """A generator and what it takes."""
+    """A generator and its option."""
 
     generate: Callable[..., World]
-    """From (seed, footprint_radius, and the option) to a world."""
+    """Function of seed, footprint_radius and the option that returns a world."""
     description: str
     option: str = ""
     """Name of the one option it takes: "region", "movers" or none."""

@@ -1,4 +1,4 @@
-"""The shortest way from start to goal if nothing moved."""
+"""The shortest way from start to goal around the static obstacles."""
 
 import math
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from worlds.world import World
 
 @dataclass(frozen=True, slots=True)
 class Occupancy:
-    """Which cells the centre of a disc must keep out of."""
+    """Grid of the cells that the centre of a disc must keep out of."""
 
     blocked: NDArray[np.bool_]
     """(rows, columns); row 0 is the lowest y, column 0 the lowest x."""
@@ -30,7 +30,7 @@ class Occupancy:
         return min(max(int(row), 0), rows - 1), min(max(int(column), 0), columns - 1)
 
     def centre(self, row: int, column: int) -> tuple[float, float]:
-        """Of a cell, in the world [m]."""
+        """Centre of a cell in the world [m]."""
         x = self.origin[0] + (column + 0.5) * self.resolution
         return x, self.origin[1] + (row + 0.5) * self.resolution
 
@@ -48,11 +48,11 @@ def occupancy(world: World, resolution: float = 0.1, inflation: float = 0.0) -> 
 
 
 RESOLUTIONS = (0.1, 0.05)
-"""Of the grids that ways are looked for on; the finer one only where the coarser has none [m]."""
+"""Resolutions of the grids that ways are searched on, the finer one only where the coarser has none [m]."""
 STEPS = np.array(
     [(i, j) for i in range(-2, 3) for j in range(-2, 3) if abs(i) + abs(j) in (1, 3) or abs(i) == abs(j) == 1]
 )
-"""To a cell's neighbours: those of a king and of a knight."""
+"""Steps to a cell's 16 neighbours: those of a king and of a knight in chess."""
 
 
 @njit(cache=True)
@@ -164,14 +164,14 @@ def _pull_tight(blocked, path):
 
 
 def shortest_path(world: World, radius: float) -> FloatArray:
-    """The shortest way of a disc from start to goal if nothing moved, (n, 2) [m]; empty if there is none.
+    """The shortest way of a disc from start to goal around the static obstacles, (n, 2) [m]; empty if there is none.
 
     A* over 16 neighbours, pulled tight by lines of sight: an any-angle path, within about 1% of the true shortest.
     This is also what "can be reached" means. A way that leaves less than half a cell of ``RESOLUTIONS`` beside the
     disc may be missed.
 
     Args:
-        world: Any whose start and goal have room for the disc.
+        world: Any world; the disc must fit at its start and goal.
         radius: Radius of the disc [m].
     """
     for resolution in RESOLUTIONS:

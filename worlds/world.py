@@ -1,6 +1,6 @@
-"""What a world is: frozen descriptions of obstacles, movers, start and goal. Nothing here moves or renders.
+"""Frozen descriptions of a world: obstacles, movers, start and goal. They neither move nor render.
 
-Everything is an upright extruded shape. Positions are in the world frame unless a name says otherwise.
+All shapes are upright and extruded. Positions are in the world frame unless a name says otherwise.
 """
 
 from dataclasses import dataclass
@@ -22,15 +22,15 @@ class Box:
     """Centre [m]."""
     y: float
     length: float
-    """Along its own x axis [m]."""
+    """Extent along its own x axis [m]."""
     width: float
-    """Along its own y axis [m]."""
+    """Extent along its own y axis [m]."""
     yaw: float
     """[rad]"""
     height: float
     """[m]"""
     base: float = 0.0
-    """Of its lower face above the floor [m]."""
+    """Height of the lower face above the floor [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class Cylinder:
     height: float
     """[m]"""
     base: float = 0.0
-    """Of its lower face above the floor [m]."""
+    """Height of the lower face above the floor [m]."""
 
 
 Shape = Box | Cylinder
@@ -53,7 +53,7 @@ Shape = Box | Cylinder
 
 @dataclass(frozen=True, slots=True)
 class Obstacle:
-    """Something that stands still."""
+    """A static obstacle."""
 
     kind: ObstacleKind
     shape: Shape
@@ -70,28 +70,31 @@ class MoverPart:
     """
 
     shape: Shape
-    """In the mover's frame."""
+    """Shape in the mover's frame."""
     swing: float = 0.0
     """Amplitude, signed [m]."""
 
 
 STRIDE = 1.3
-"""Distance walked in one gait cycle (two steps) of a person [m]; somebody of 1.7 m makes steps of about 0.65 m."""
+"""Distance walked in one gait cycle (two steps) of a person [m]; a person of 1.7 m takes steps of about 0.65 m."""
 
 
 @dataclass(frozen=True, slots=True)
 class RandomWalk:
-    """Straight on at constant speed; before something solid or a narrow way, a new random heading. Sees no robot."""
+    """Straight motion at constant speed that turns to a random heading before an obstacle or a narrow way.
+
+    It does not react to the robot.
+    """
 
     speed: float
     """[m/s]"""
     seed: int
-    """Of this mover's own stream of headings."""
+    """Seed of this mover's own stream of headings."""
 
 
 @dataclass(frozen=True, slots=True)
 class Patrol:
-    """To and fro along a polyline at constant speed. Sees no robot."""
+    """Motion to and fro along a polyline at constant speed. It does not react to the robot."""
 
     speed: float
     """[m/s]"""
@@ -101,10 +104,10 @@ class Patrol:
 
 @dataclass(frozen=True, slots=True)
 class SocialForce:
-    """A pedestrian (Helbing and Molnar 1995) that avoids walls, the others and the robot."""
+    """A pedestrian (Helbing and Molnar 1995) that avoids walls, other movers and the robot."""
 
     speed: float
-    """Desired [m/s]."""
+    """Desired speed [m/s]."""
     waypoints: tuple[tuple[float, float], ...]
     """Visited in turn, over and over [m]."""
 
@@ -114,23 +117,23 @@ Motion = RandomWalk | Patrol | SocialForce
 
 @dataclass(frozen=True, slots=True)
 class Mover:
-    """Something that moves."""
+    """A moving obstacle."""
 
     kind: MoverKind
     parts: tuple[MoverPart, ...]
     radius: float
-    """Of a circle about its origin that holds every part at every swing [m]."""
+    """Radius of the circle about its origin that holds every part at every swing [m]."""
     start: Pose2
     motion: Motion
 
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """A part of one of several ways to the goal: which of them is taken tells how a planner weighs them."""
+    """A part of one of several ways to the goal: the one that is taken shows how a planner weighs them."""
 
     name: str
     box: tuple[float, float, float, float]
-    """x_min, y_min, x_max, y_max; whoever enters it has taken this way [m]."""
+    """x_min, y_min, x_max, y_max [m]; a robot that enters it has taken this way."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +150,7 @@ class World:
     goal: tuple[float, float]
     """[m]"""
     ways: tuple[Way, ...] = ()
-    """Where there are several to the goal, and it is of interest which is taken."""
+    """Parts of the alternative ways to the goal, in worlds made to tell which one a planner takes."""
 
     def way_of(self, pose: Pose2) -> str | None:
         """Name of the way that a pose is on, None if it is on none."""

@@ -45,11 +45,11 @@ def load_scene(path: str | Path) -> World:
     """The world that a scene file describes.
 
     Args:
-        path: Of a YAML file after ``scene.schema.json``.
+        path: Path of a YAML file after ``scene.schema.json``.
 
     Raises:
-        BadWorld: No such file, broken YAML, a field that is not as the schema wants it, or a world that cannot be
-            (:func:`worlds.checks.check_world`); the message names the file and the field.
+        BadWorld: No such file, broken YAML, a field that is not as the schema wants it, or a world that fails
+            :func:`worlds.checks.check_world`; the message names the file and the field.
     """
     document = _read(path)
     for where, number in _numbers(document):
@@ -68,7 +68,7 @@ def save_scene(world: World, path: str | Path) -> None:
 
     Args:
         world: Any world.
-        path: Of the file; an existing one is replaced.
+        path: Path of the file; an existing one is replaced.
 
     Raises:
         BadWorld: The file cannot be written.
@@ -92,7 +92,7 @@ class _Loader(_SafeLoader):
     """YAML's safe types, every key once: of two equal ones PyYAML silently takes the last."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
-        """As in the base, and raises ConstructorError for a key that is there already."""
+        """Construct a mapping as the base does, but raise ConstructorError for a repeated key."""
         seen: set[tuple[str, str]] = set()
         for key, _ in node.value:
             if isinstance(key, yaml.ScalarNode):

@@ -1,4 +1,4 @@
-"""The building: a lobby, a corridor with rooms on both sides, doors, and a crowd that walks between them."""
+"""The building: a lobby, a corridor with rooms on both sides, doors, and a crowd of pedestrians between them."""
 
 import math
 from dataclasses import dataclass
@@ -27,17 +27,19 @@ NAME = "building"
 PEOPLE = 20
 MOST_PEOPLE = 40
 LENGTH, DEPTH = 32.0, 20.0
-"""[m]"""
+"""Extent along x and along y [m]."""
 OUTER, INNER = 0.2, 0.15
-"""Thickness of walls [m]."""
+"""Thickness of outer and of inner walls [m]."""
 WALKING_SPEED = (0.5, 1.2)
-"""[m/s]; people indoors, in a crowd."""
+"""Range of the pedestrians' speeds, indoors and in a crowd [m/s]."""
 DOOR = (1.0, 1.4)
-"""Clear width of a room's door [m]."""
+"""Range of the clear width of a room's door [m]."""
 WALK_CLEARANCE = 0.42
-"""Furniture keeps this far from the lines that people walk on [m]: a person's 0.33 m, and some."""
+"""Least distance of furniture from the lines that pedestrians walk on [m]: a person's 0.33 m and a margin."""
+PERSON_GAP, WALL_GAP = 0.2, 0.1
+"""Least gaps between two pedestrians at the start, and between one and an obstacle [m]."""
 PLACES_TRIED = 200
-"""For each person before the building counts as full; forty people find theirs in fewer than six each."""
+"""Number of places tried for each pedestrian before the building counts as full; 40 need fewer than six each."""
 
 Point = tuple[float, float]
 
@@ -53,29 +55,29 @@ class Room:
     door: Point
     """Middle of its doorway."""
     outside: Point
-    """In the corridor, in front of the door."""
+    """Point in the corridor in front of the door."""
 
     @property
     def middle(self) -> Point:
-        """Where people go to."""
+        """Middle of the room, where pedestrians go."""
         return round((self.x0 + self.x1) / 2, 3), round((self.y0 + self.y1) / 2, 3)
 
 
 @dataclass(frozen=True, slots=True)
 class FloorPlan:
-    """Before the furniture."""
+    """A building before it is furnished."""
 
     rooms: tuple[Room, ...]
     lobby_spots: tuple[Point, ...]
     entrance: Point
-    """Where the corridor leaves the lobby."""
+    """Point in the lobby where the corridor begins."""
     walls: tuple[Obstacle, ...]
     start: Point
     goal_room: int
 
 
 def building(seed: int, movers: int, footprint_radius: float) -> World:
-    """From the lobby to a far room, through a crowd that avoids walls, each other and the robot.
+    """Generate a mission from the lobby to a far room, through pedestrians who avoid walls, each other and the robot.
 
     Args:
         seed: Seed of the world.
@@ -83,7 +85,7 @@ def building(seed: int, movers: int, footprint_radius: float) -> World:
         footprint_radius: Radius of the circle about the footprint that must get through [m].
 
     Raises:
-        BadWorld: No solvable layout, or no room for as many people.
+        BadWorld: No solvable layout, or not enough space for so many pedestrians.
     """
     plans: list[FloorPlan] = []
 
@@ -130,7 +132,7 @@ def _floor_plan(rng: Generator) -> FloorPlan:
 
 
 def _lines(plan: FloorPlan) -> list[tuple[Point, Point]]:
-    """Where people walk, besides the corridor."""
+    """Lines that pedestrians walk on, besides the corridor."""
     lines = [(spot, plan.entrance) for spot in plan.lobby_spots] + [(plan.start, plan.entrance)]
     for room in plan.rooms:
         lines += [(room.middle, room.door), (room.door, room.outside)]
@@ -146,7 +148,7 @@ def _distance_to_line(point: Point, line: tuple[Point, Point]) -> float:
 
 
 def _furnish(rng: Generator, plan: FloorPlan) -> Layout:
-    """Shelves along the walls, tables, and columns in the lobby, wherever nobody walks."""
+    """Add shelves along the walls, tables, and columns in the lobby, away from the lines that pedestrians walk on."""
     lines = _lines(plan)
     pieces = list(plan.walls)
 
@@ -186,7 +188,7 @@ def _furnish(rng: Generator, plan: FloorPlan) -> Layout:
 
 
 def _route(rng: Generator, plan: FloorPlan) -> list[Point]:
-    """From one place to another and back again, as a closed round of points with free lines between them."""
+    """Draw a pedestrian's route from one place to another and back: a closed polyline through free space."""
     ways: list[list[Point]] = []
     places = rng.permutation(len(plan.rooms) + len(plan.lobby_spots))[:2]
     for k in places:
@@ -224,9 +226,9 @@ def _crowd(rng: Generator, plan: FloorPlan, layout: Layout, field: ClearanceFiel
         y = round(route[0][1] + share * (route[1][1] - route[0][1]), 3)
         if math.dist((x, y), layout.start[:2]) < START_DISTANCE + radius + LARGEST_FOOTPRINT:
             continue
-        if any(math.dist((x, y), p.start[:2]) < radius + p.radius + 0.2 for p in people):
+        if any(math.dist((x, y), p.start[:2]) < radius + p.radius + PERSON_GAP for p in people):
             continue
-        if field.distance[field.cell(x, y)] < radius + 0.1:
+        if field.distance[field.cell(x, y)] < radius + WALL_GAP:
             continue
         start = Pose2(x, y, round(heading((x, y), route[1]), 4))
         speed = uniform(rng, *WALKING_SPEED)

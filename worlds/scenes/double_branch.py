@@ -1,4 +1,4 @@
-"""Two ways to the goal: a short one that is crowded, and a longer one that is not."""
+"""The double branch: a short, crowded way to the goal, and a longer, empty one."""
 
 from dataclasses import replace
 
@@ -6,40 +6,40 @@ from numpy.random import Generator
 
 from vuca_nav.types import Pose2
 from worlds.scenes.generation import Layout, heading, outer_walls, rectangle, solvable_layout, stream, uniform
-from worlds.scenes.population import walkers
+from worlds.scenes.population import random_movers
 from worlds.world import Box, Obstacle, Way, World
 
 NAME = "double_branch"
 MOVERS = 8
 MOST_MOVERS = 16
 MOVER_SPEEDS = (0.2, 0.8)
-"""[m/s]"""
+"""Range of the moving obstacles' speeds [m/s]."""
 HALLS = 2.1
 """Width of the ways that join the branches [m]: below 2.2 m, so the crowd stays in its branch."""
 WALL = 0.2
-"""[m]"""
+"""Thickness of walls [m]."""
 
 
 def double_branch(seed: int, movers: int, footprint_radius: float) -> World:
-    """A block with a way round either side; the movers keep to the shorter one, whose ends are narrow.
+    """Generate a block with a way round either side; the movers keep to the shorter one, whose ends are narrow.
 
     Args:
         seed: Seed of the world; it also decides on which side the short branch is.
-        movers: How many there are in the short branch.
+        movers: Number of moving obstacles, all in the short branch.
         footprint_radius: Radius of the circle about the footprint that must get through [m].
     """
     layout, field = solvable_layout(NAME, seed, footprint_radius, _layout)
     x0, y0, x1, y1 = layout.bounds
     middle = (x0 + x1) / 2
     short_side = (x0, y0, middle, y1) if layout.goal[0] < middle else (middle, y0, x1, y1)
-    moving = walkers(
+    moving = random_movers(
         stream(NAME, seed, 1000), layout, field, movers, ("legs", "cylinder", "cart"), MOVER_SPEEDS, within=short_side
     )
     return replace(layout.world(NAME, seed, moving), ways=_ways(layout, short_side))
 
 
 def _ways(layout: Layout, short_side: tuple[float, float, float, float]) -> tuple[Way, Way]:
-    """Beside the block, on the crowded and on the quiet side."""
+    """The boxes beside the block, on the crowded and on the quiet side."""
     block = next(obstacle.shape for obstacle in layout.obstacles if obstacle.kind == "block")
     assert isinstance(block, Box)
     x0, _y0, x1, _y1 = layout.bounds

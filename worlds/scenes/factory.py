@@ -1,4 +1,4 @@
-"""The factory: corridors between machines and shelves, dead ends towards the goal, and 10 movers a quarter."""
+"""The factory: corridors between machines and shelves, blind alleys towards the goal, and 10 movers a quarter."""
 
 from numpy.random import Generator
 
@@ -7,26 +7,26 @@ from worlds.scenes.furnishing import blocks, closed_sections, furniture
 from worlds.scenes.generation import Layout, heading, outer_wall, rectangle, solvable_layout, stream
 from worlds.scenes.lanes import HALF, HALL, MIDDLE_WALL
 from worlds.scenes.lattice import Lattice, draw_lattice
-from worlds.scenes.population import walkers
+from worlds.scenes.population import random_movers
 from worlds.world import Mover, Obstacle, World
 
 NAME = "factory"
 MOVERS_A_QUARTER = 10
 MOVER_SPEEDS = (0.2, 0.8)
-"""[m/s]"""
+"""Range of the moving obstacles' speeds [m/s]."""
 QUARTER_BOUNDS = {
     1: (0.0, 0.0, HALF, HALF),
     2: (HALF, 0.0, HALL, HALF),
     3: (HALF, HALF, HALL, HALL),
     4: (0.0, HALF, HALF, HALL),
 }
-"""[m]"""
+"""x_min, y_min, x_max, y_max of each quarter [m]."""
 REGION_SIZE = {1: (HALF, HALF), 2: (HALL, HALF), 3: (HALL, HALL), 4: (HALL, HALL)}
-"""Of the rectangle that holds a region's quarters [m]."""
+"""Extent of the rectangle that holds a region's quarters [m]."""
 
 
 def factory(seed: int, region: int, footprint_radius: float) -> World:
-    """Region ``region`` of the factory: the first quarters, closed off from the others.
+    """Generate a region of the factory: its first ``region`` quarters, closed off from the others.
 
     Args:
         seed: Seed of the world.
@@ -36,7 +36,7 @@ def factory(seed: int, region: int, footprint_radius: float) -> World:
     layout, field = solvable_layout(NAME, seed, footprint_radius, lambda rng: _layout(rng, region), region)
     movers: tuple[Mover, ...] = ()
     for quarter in range(1, region + 1):
-        movers += walkers(
+        movers += random_movers(
             stream(NAME, seed, region, 1000 + quarter), layout, field, MOVERS_A_QUARTER,
             ("cylinder", "cart", "legs"), MOVER_SPEEDS, within=QUARTER_BOUNDS[quarter], taken=movers,
         )  # fmt: skip

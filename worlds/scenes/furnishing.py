@@ -1,4 +1,4 @@
-"""What a factory is furnished with: machines, shelves and tanks between the lanes, and things along the walls."""
+"""Furniture of a factory: machines, shelves and tanks between the lanes, pillars and pallets in the corridors."""
 
 from dataclasses import dataclass
 
@@ -10,11 +10,11 @@ from worlds.scenes.lattice import Junction, Lattice
 from worlds.world import Cylinder, Obstacle
 
 MAX_CORRIDOR = 3.0
-"""[m]"""
+"""Greatest width of a corridor [m]."""
 MIN_PASSAGE = 1.85
-"""What pillars and low obstacles leave of a corridor [m]; the rule is 1.8."""
+"""Least width that pillars and low obstacles leave of a corridor [m]: its least width of 1.8, and a margin."""
 THIN_WALL = 0.15
-"""Of a partition across a lane [m]."""
+"""Thickness of a partition across a lane [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class Rect:
 
 
 def blocks(rng: Generator, plan: Lattice) -> list[Obstacle]:
-    """Machines and shelves between the lanes, their fronts standing back a little from some of them."""
+    """Draw machines and shelves between the lanes, with fronts that stand back a little from some lanes."""
     obstacles: list[Obstacle] = []
     for i in range(len(plan.x.halves) - 1):
         for j in range(len(plan.y.halves) - 1):
@@ -45,7 +45,7 @@ def blocks(rng: Generator, plan: Lattice) -> list[Obstacle]:
 
 
 def _fill(rng: Generator, rect: Rect) -> list[Obstacle]:
-    """One plausible thing, or a row of them, that takes up a rectangle and leaves no gap to slip into."""
+    """Draw one machine, tank or pair of shelves that fills a rectangle without a gap."""
     x0, y0, x1, y1 = rect.x0, rect.y0, rect.x1, rect.y1
     style = rng.random()
     if style < 0.35:  # two shelf rows back to back, along the longer side
@@ -100,7 +100,7 @@ def _lane_frame(rect: Rect, along_x: bool) -> Rect:
 
 
 def closed_sections(rng: Generator, plan: Lattice) -> list[Obstacle]:
-    """What closes the lanes that lead nowhere: a machine that takes the whole section, or a partition across it."""
+    """Close the sections that are not open: by a machine that fills the section, or by a partition across it."""
     obstacles: list[Obstacle] = []
     for a, b in _sections(plan):
         if frozenset((a, b)) in plan.open_sections:
@@ -128,7 +128,7 @@ def _into_blocks(low: float, high: float) -> tuple[float, float]:
 
 
 def furniture(rng: Generator, plan: Lattice) -> list[Obstacle]:
-    """Pillars and pallets along one side of the wider corridors."""
+    """Draw pillars and pallets along one side of the wider corridors."""
     obstacles: list[Obstacle] = []
     for a, b in _sections(plan):
         if frozenset((a, b)) not in plan.open_sections:

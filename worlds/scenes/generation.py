@@ -1,4 +1,4 @@
-"""What every generator shares: random streams, building blocks, and the check that a layout can be solved."""
+"""Common parts of the generators: random streams, building blocks, and the check that a layout can be solved."""
 
 import math
 import zlib
@@ -16,19 +16,19 @@ from worlds.clearance import ClearanceField, clearance_at, clearance_field
 from worlds.world import Box, Cylinder, Mover, Obstacle, ObstacleKind, World
 
 WALL_HEIGHT = 2.0
-"""[m]"""
+"""Height of walls and pillars [m]."""
 WALL_THICKNESS = 0.2
-"""Of outer walls [m]."""
+"""Thickness of outer walls [m]."""
 LOW_HEIGHT = (0.4, 0.7)
-"""Of low obstacles [m]: above any body's planar lidar, below a person's hip."""
+"""Range of the heights of low obstacles [m]: above any body's planar lidar, below a person's hip."""
 MARGIN = 0.1
-"""Room beside the footprint that a solvable layout leaves [m]."""
+"""Inflation of the footprint that a solvable layout leaves space for [m]: the rule of task, planner and training."""
 TASK_CLEARANCE = 0.6
-"""Free room around start and goal [m]."""
+"""Least clearance of start and goal [m]."""
 MAX_DRAWS = 400
-"""Draws before a seed is given up; a factory's plan comes to something in one of two to one of twelve."""
+"""Number of draws before a seed is given up; for a factory one draw in two to one in twelve gives a layout."""
 MAX_LAYOUTS = 20
-"""Finished layouts that may turn out unsolvable before a seed is given up."""
+"""Number of unsolvable layouts before a seed is given up."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class Layout:
     goal: tuple[float, float]
 
     def world(self, name: str, seed: int, movers: tuple[Mover, ...] = ()) -> World:
-        """With its movers."""
+        """The world of this layout with its movers."""
         return World(name, seed, self.bounds, self.obstacles, movers, self.start, self.goal)
 
 
@@ -86,18 +86,18 @@ def outer_walls(bounds: tuple[float, float, float, float]) -> tuple[Obstacle, ..
 
 
 def reachable_cells(field: ClearanceField, start: tuple[float, float], radius: float) -> np.ndarray:
-    """Cells (rows, columns) that a disc standing at ``start`` can be moved to, nothing else moving."""
+    """Cells (rows, columns) that a disc at ``start`` can be moved to among the static obstacles."""
     labels, _ = ndimage.label(field.distance >= radius)  # type: ignore[misc]
     label = labels[field.cell(*start)]
     return (labels == label) & (label > 0)
 
 
 def is_solvable(layout: Layout, field: ClearanceField, footprint_radius: float) -> bool:
-    """Whether start and goal have room, and the inflated footprint gets from one to the other."""
+    """Whether start and goal have enough clearance, and the inflated footprint gets from one to the other."""
     shapes = pack_shapes([obstacle.shape for obstacle in layout.obstacles])
-    room = max(TASK_CLEARANCE, footprint_radius + MARGIN)
+    wanted = max(TASK_CLEARANCE, footprint_radius + MARGIN)
     for x, y in (layout.start[:2], layout.goal):
-        if len(shapes) and clearance_at(shapes, x, y)[0] < room:
+        if len(shapes) and clearance_at(shapes, x, y)[0] < wanted:
             return False
     reached = reachable_cells(field, layout.start[:2], footprint_radius + MARGIN)
     return bool(reached[field.cell(*layout.goal)])

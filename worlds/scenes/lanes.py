@@ -1,4 +1,4 @@
-"""The lanes of a factory: where its corridors can be, in one direction."""
+"""The lanes of a factory: the strips along one direction that its corridors can lie in."""
 
 from dataclasses import dataclass
 
@@ -12,9 +12,9 @@ HALF = HALL / 2
 MIDDLE_WALL = 0.2
 """Thickness of the walls between quarters, and of the outer ones [m]."""
 LANE_WIDTH = (1.8, 2.9)
-"""[m]; block fronts stand back by a little, so that corridors are 1.8 to 3.0 m wide."""
+"""Range of the lanes' widths [m]; block fronts stand back a little, so that corridors are 1.8 to 3.0 m wide."""
 NARROW_LANE_SHARE = 0.25
-"""Of lanes narrower than 2.2 m: ways that moving obstacles keep out of."""
+"""Share of lanes narrower than 2.2 m, which moving obstacles keep out of."""
 MIN_BLOCK = 1.8
 """Smallest block between two lanes [m]."""
 SETBACK = 0.2
@@ -28,23 +28,23 @@ class Lanes:
     intervals: tuple[tuple[float, float], ...]
     """[m]"""
     halves: tuple[int, ...]
-    """Which half of the hall each is in."""
+    """Half of the hall that each lane is in, 0 or 1."""
 
     def centre(self, i: int) -> float:
-        """Of a lane [m]."""
+        """Coordinate of a lane's middle line [m]."""
         return sum(self.intervals[i]) / 2
 
     def width(self, i: int) -> float:
-        """Of a lane [m]."""
+        """Width of a lane [m]."""
         return self.intervals[i][1] - self.intervals[i][0]
 
     def gap(self, i: int) -> tuple[float, float]:
-        """What lies between this lane and the next [m]."""
+        """Interval between this lane and the next [m]."""
         return self.intervals[i][1], self.intervals[i + 1][0]
 
 
 def draw_lanes(rng: Generator) -> Lanes:
-    """Three or four lanes a half, the first and the last of each along its walls."""
+    """Draw three or four lanes a half, the first and the last of each along its walls."""
     intervals: list[tuple[float, float]] = []
     halves: list[int] = []
     for half in (0, 1):

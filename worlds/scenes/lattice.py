@@ -1,4 +1,4 @@
-"""A factory's plan as a graph: crossing lanes, which of their sections are open, and where the blind alleys are.
+"""A factory's plan as a graph: crossing lanes, their open sections, and the blind alleys.
 
 A hall of 40 x 40 m has lanes along x and along y, in two halves each way. A junction (i, j) is where the i-th lane
 along y crosses the j-th lane along x; a section joins two neighbouring junctions; between lanes are blocks.
@@ -16,10 +16,12 @@ from numpy.random import Generator
 from worlds.scenes.lanes import SETBACK, Lanes, draw_lanes
 
 ALLEY_DEPTH = 5.0
-"""Of a blind alley, from its mouth to its end [m]."""
+"""Least depth of a blind alley, from its mouth to its end [m]."""
 
+MOUTH_MARGIN = 0.1
+"""Distance from the corner of an alley's mouth at which the line to the goal must pass, so as not to graze it [m]."""
 ROUTE_TRIES = 12
-"""Ways through a quarter that are tried before another door is."""
+"""Number of ways through a quarter that are tried before another door."""
 
 Junction = tuple[int, int]
 Section = frozenset[Junction]
@@ -29,13 +31,13 @@ QUARTER_OF_HALVES = {(0, 0): 1, (1, 0): 2, (1, 1): 3, (0, 1): 4}
 
 @dataclass(frozen=True, slots=True)
 class Alley:
-    """A dead end that draws a robot which only looks at the goal."""
+    """A blind alley: a dead end towards the goal, which attracts a planner that only heads for the goal."""
 
     quarter: int
     junctions: tuple[Junction, ...]
-    """The one on the way that it opens from, then its own, to the end."""
+    """The junction on the way that it opens from, then its own junctions to the end."""
     depth: float
-    """From the mouth straight on to the end [m]."""
+    """Distance from the mouth straight on to the end [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,12 +59,12 @@ class Lattice:
         return self.x.centre(junction[0]), self.y.centre(junction[1])
 
     def quarter(self, junction: Junction) -> int:
-        """1 to 4."""
+        """Number of the quarter that a junction is in, 1 to 4."""
         return QUARTER_OF_HALVES[self.x.halves[junction[0]], self.y.halves[junction[1]]]
 
 
 def shortest_way(neighbours: dict[Junction, dict[Junction, float]], start: Junction, goal: Junction) -> list[Junction]:
-    """Dijkstra; empty if there is none."""
+    """The shortest way by Dijkstra's algorithm; empty if there is none."""
     best, before = {start: 0.0}, {start: start}
     queue = [(0.0, start)]
     while queue:
@@ -99,7 +101,7 @@ class LatticeDraw:
         self.alleys: list[Alley] = []
 
     def quarter(self, junction: Junction) -> int:
-        """1 to 4."""
+        """Number of the quarter that a junction is in, 1 to 4."""
         return QUARTER_OF_HALVES[self.x.halves[junction[0]], self.y.halves[junction[1]]]
 
     def point(self, junction: Junction) -> tuple[float, float]:
@@ -107,7 +109,7 @@ class LatticeDraw:
         return self.x.centre(junction[0]), self.y.centre(junction[1])
 
     def length(self, a: Junction, b: Junction) -> float:
-        """Between two junctions' centres [m]."""
+        """Distance between two junctions' centres [m]."""
         return math.dist(self.point(a), self.point(b))
 
     def _goal(self) -> Junction:
@@ -136,7 +138,7 @@ class LatticeDraw:
         return neighbours
 
     def exits(self, quarter: int) -> list[tuple[Junction, Junction]]:
-        """In random order, the places where one can leave a quarter for the next: junctions before and behind."""
+        """Exits from a quarter to the next in random order: pairs of the junctions before and behind."""
         pairs = []
         for a, b in self.all_sections():
             before, behind = (a, b) if self.quarter(a) < self.quarter(b) else (b, a)
@@ -145,7 +147,7 @@ class LatticeDraw:
         return [pairs[k] for k in self.rng.permutation(len(pairs))]
 
     def draw_ways(self, entrance: Junction, quarter: int = 1) -> list[Junction]:
-        """From here to the goal, through each quarter a winding way with its alleys; empty if none was found."""
+        """Draw a winding way with its alleys through each quarter up to the goal; empty if none was found."""
         inside = [p for p in self.all_sections() if self.quarter(p[0]) == self.quarter(p[1]) == quarter]
         last = quarter == self.region
         for before, behind in [(self.goal, self.goal)] if last else self.exits(quarter):
@@ -169,11 +171,10 @@ class LatticeDraw:
         across = abs(dx * step[1]) + abs(dy * step[0])
         half_x, half_y = self.x.width(junction[0]) / 2, self.y.width(junction[1]) / 2
         to_mouth, half_mouth = (half_x, half_y) if step[0] else (half_y, half_x)
-        # A hand's breadth inside the mouth, so that the line does not merely graze its corner.
-        return along > to_mouth and across / along * to_mouth <= half_mouth - 0.1
+        return along > to_mouth and across / along * to_mouth <= half_mouth - MOUTH_MARGIN
 
     def find_alleys(self, quarter: int, route: list[Junction]) -> list[Alley]:
-        """Two or three blind alleys of a quarter, from its route towards the goal; none if there is no room."""
+        """Find two or three blind alleys of a quarter, from its route towards the goal; none if they do not fit."""
         built, taken = set(self.junctions), set(route)
         wanted = 2 + int(self.rng.random() < 0.3)
         mouths = [
@@ -214,7 +215,7 @@ class LatticeDraw:
         return lanes.intervals[high][0] - lanes.intervals[low][0]
 
     def connect_rest(self, route: list[Junction]) -> bool:
-        """Every other junction joins the net by a random tree, then some loops; False if one is walled in."""
+        """Join every other junction to the net by a random tree, then add loops; False if one is walled in."""
         blind = {junction for alley in self.alleys for junction in alley.junctions[1:]}
         sections = [p for p in self.all_sections() if p[0] not in blind and p[1] not in blind]
         order = self.rng.permutation(len(sections))
@@ -245,7 +246,7 @@ class LatticeDraw:
 
 
 def draw_lattice(rng: Generator, region: int) -> Lattice | None:
-    """A random plan of the first ``region`` quarters, or None if this draw has no room for its alleys."""
+    """Draw a random plan of the first ``region`` quarters; None if its alleys do not fit."""
     draw = LatticeDraw(rng, region)
     route = draw.draw_ways(draw.start)
     if not route:

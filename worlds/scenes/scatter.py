@@ -1,4 +1,4 @@
-"""Things strewn over open ground, with room to pass between them."""
+"""Obstacles scattered over open ground, with gaps wide enough to pass between them."""
 
 import math
 
@@ -11,7 +11,7 @@ from worlds.world import Box, Cylinder, Obstacle, Shape
 
 
 def outline(shape: Shape, spacing: float = 0.25) -> list[tuple[float, float]]:
-    """Points around a shape's edge, corners included, at most so far apart [m]."""
+    """Points around a shape's edge, corners included, at most ``spacing`` apart [m]."""
     if isinstance(shape, Cylinder):
         count = max(math.ceil(2 * math.pi * shape.radius / spacing), 8)
         angles = [2 * math.pi * k / count for k in range(count)]
@@ -24,7 +24,7 @@ def outline(shape: Shape, spacing: float = 0.25) -> list[tuple[float, float]]:
 
 
 def roadblock(rng: Generator, x: float, y: float) -> Obstacle:
-    """A barrier, a crate, a planter or a column, at any angle."""
+    """Draw a barrier, a crate, a planter or a column, at any angle."""
     yaw, what = uniform(rng, -math.pi, math.pi), rng.random()
     if what < 0.4:
         return Obstacle("block", Box(x, y, uniform(rng, 1.4, 2.4), uniform(rng, 0.35, 0.5), yaw, 1.0))
@@ -37,18 +37,18 @@ def roadblock(rng: Generator, x: float, y: float) -> Obstacle:
 
 
 def partition(rng: Generator, x: float, y: float) -> Obstacle:
-    """A free-standing wall along x or y."""
+    """Draw a free-standing wall along x or y."""
     yaw = math.pi / 2 if rng.random() < 0.5 else 0.0
     return Obstacle("wall", Box(x, y, uniform(rng, 1.8, 4.2), 0.15, yaw, WALL_HEIGHT))
 
 
 class Ground:
-    """Open ground that is filled piece by piece, every piece at least ``gap`` away from what is there.
+    """Open ground that is filled piece by piece, every piece at least ``gap`` from all others.
 
     Args:
-        bounds: Walled in [m].
+        bounds: x_min, y_min, x_max, y_max, walled in [m].
         gap: Least way between two pieces, and to the bounds [m].
-        keep_free: Discs x, y, radius that nothing is put on [m].
+        keep_free: Discs x, y, radius that stay free [m].
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class Ground:
         self._shapes = pack_shapes([])
 
     def add(self, obstacle: Obstacle) -> bool:
-        """Put it down if there is room; whether there was."""
+        """Add an obstacle if it fits; returns whether it did."""
         x0, y0, x1, y1 = self.bounds
         alone = pack_shapes([obstacle.shape])
         if any(clearance_at(alone, x, y)[0] < radius for x, y, radius in self.keep_free):
@@ -73,6 +73,6 @@ class Ground:
         return True
 
     def random_point(self, rng: Generator) -> tuple[float, float]:
-        """Anywhere in the bounds."""
+        """Draw a point anywhere in the bounds."""
         x0, y0, x1, y1 = self.bounds
         return uniform(rng, x0, x1), uniform(rng, y0, y1)

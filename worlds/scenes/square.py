@@ -1,4 +1,4 @@
-"""The square: an open plaza with roadblocks, and fast movers all over it."""
+"""The square: an open plaza with roadblocks and fast moving obstacles."""
 
 import math
 
@@ -6,43 +6,46 @@ from numpy.random import Generator
 
 from vuca_nav.types import Pose2
 from worlds.scenes.generation import Layout, heading, outer_walls, uniform
-from worlds.scenes.population import walked_ground
+from worlds.scenes.population import ground_with_movers
 from worlds.scenes.scatter import Ground, roadblock
 from worlds.world import World
 
 NAME = "square"
 SIDE = 24.0
-"""[m]"""
+"""Side of the plaza [m]."""
 ROADBLOCKS = 10
 BARRED = 2
-"""Roadblocks that stand on the straight way to the goal."""
+"""Number of roadblocks on the straight way to the goal."""
 MOVERS = 24
 MOST_MOVERS = 40
 MOVER_SPEEDS = (0.2, 2.0)
-"""Up to twice the robot's maximum of 1.0 m/s (Section IV-A of the paper) [m/s]."""
+"""Range of the moving obstacles' speeds [m/s]: up to twice the robot's maximum of 1.0 m/s (Zhang et al., Section
+IV-A)."""
 CORNER = 2.0
-"""Start and goal are up to this far from their corners' points 1.2 m inside the walls [m]."""
+"""Greatest distance along x and y of start and goal from their corners, which are ``INSET`` inside the walls [m]."""
+INSET = 1.2
+"""Least distance of start and goal from the bounds [m]."""
 GAP = 1.4
 """Least way between two roadblocks, and to the walls [m]."""
 KEEP_FREE = 1.5
-"""Around start and goal [m]."""
+"""Radius around start and goal without roadblocks [m]."""
 
 
 def square(seed: int, movers: int, footprint_radius: float) -> World:
-    """A plaza crossed from one corner to the opposite one, through everything that moves on it.
+    """Generate a plaza to be crossed from one corner to the opposite one among its moving obstacles.
 
     Args:
         seed: Seed of the world.
         movers: Number of moving obstacles.
         footprint_radius: Radius of the circle about the footprint that must get through [m].
     """
-    return walked_ground(NAME, seed, footprint_radius, _layout, movers, MOVER_SPEEDS)
+    return ground_with_movers(NAME, seed, footprint_radius, _layout, movers, MOVER_SPEEDS)
 
 
 def _layout(rng: Generator) -> Layout | None:
     bounds = (0.0, 0.0, SIDE, SIDE)
-    start = 1.2 + uniform(rng, 0.0, CORNER), 1.2 + uniform(rng, 0.0, CORNER)
-    goal = SIDE - 1.2 - uniform(rng, 0.0, CORNER), SIDE - 1.2 - uniform(rng, 0.0, CORNER)
+    start = INSET + uniform(rng, 0.0, CORNER), INSET + uniform(rng, 0.0, CORNER)
+    goal = SIDE - INSET - uniform(rng, 0.0, CORNER), SIDE - INSET - uniform(rng, 0.0, CORNER)
     if rng.random() < 0.5:  # the other diagonal
         start, goal = (start[0], SIDE - start[1]), (goal[0], SIDE - goal[1])
     start, goal = (round(start[0], 3), round(start[1], 3)), (round(goal[0], 3), round(goal[1], 3))

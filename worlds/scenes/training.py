@@ -1,4 +1,4 @@
-"""The paper's two training scenes (its Fig. 3a): one for going straight, one for avoiding what moves."""
+"""The two training scenes of Zhang et al., Fig. 3a: static obstacles to drive around, moving obstacles to avoid."""
 
 import math
 
@@ -6,29 +6,31 @@ from numpy.random import Generator
 
 from vuca_nav.types import Pose2
 from worlds.scenes.generation import Layout, heading, outer_walls, solvable_layout
-from worlds.scenes.population import walked_ground
+from worlds.scenes.population import ground_with_movers
 from worlds.scenes.scatter import Ground, partition, roadblock
 from worlds.world import World
 
 STATIC, DYNAMIC = "static", "dynamic"
 SIDE = 16.0
-"""[m]; the paper gives no size: a lidar of 12 m sees most of it, and an episode is short."""
+"""Side of both scenes [m]. The paper gives none: a lidar of 12 m sees most of this one, and an episode is short."""
 WALLS, ROADBLOCKS = 9, 9
-"""Of the static scene: "massive walls and roadblocks"."""
+"""Numbers of obstacles in the static scene: "massive walls and roadblocks" in Zhang et al."""
 MOVERS = 20
 MOST_MOVERS = 40
 MOVER_SPEEDS = (0.2, 1.0)
-"""Of the dynamic scene [m/s]; up to the robot's own maximum."""
+"""Range of the moving obstacles' speeds in the dynamic scene [m/s]: up to the robot's own maximum."""
 GAP = 1.1
-"""Least way between two static things, and to the walls [m]."""
+"""Least gap between two static obstacles, and to the walls [m]."""
 KEEP_FREE = 1.0
-"""Around start and goal [m]."""
+"""Radius around start and goal without obstacles [m]."""
+INSET = 1.2
+"""Least distance of start and goal from the bounds [m]."""
 SHORTEST_TASK = 8.0
-"""From start to goal [m]."""
+"""Least distance from start to goal [m]."""
 
 
 def static(seed: int, footprint_radius: float) -> World:
-    """Walls and roadblocks; nothing moves.
+    """Generate walls and roadblocks without moving obstacles.
 
     Args:
         seed: Seed of the world.
@@ -39,19 +41,19 @@ def static(seed: int, footprint_radius: float) -> World:
 
 
 def dynamic(seed: int, movers: int, footprint_radius: float) -> World:
-    """Open ground on which many shapes walk at random.
+    """Generate open ground with moving obstacles of many shapes that walk at random.
 
     Args:
         seed: Seed of the world.
         movers: Number of moving obstacles.
         footprint_radius: Radius of the circle about the footprint that must get through [m].
     """
-    return walked_ground(DYNAMIC, seed, footprint_radius, lambda rng: _layout(rng, 0, 0), movers, MOVER_SPEEDS)
+    return ground_with_movers(DYNAMIC, seed, footprint_radius, lambda rng: _layout(rng, 0, 0), movers, MOVER_SPEEDS)
 
 
 def _layout(rng: Generator, walls: int, roadblocks: int) -> Layout | None:
     bounds = (0.0, 0.0, SIDE, SIDE)
-    inner = Ground((1.2, 1.2, SIDE - 1.2, SIDE - 1.2), 0.0, [])
+    inner = Ground((INSET, INSET, SIDE - INSET, SIDE - INSET), 0.0, [])
     start, goal = inner.random_point(rng), inner.random_point(rng)
     if math.dist(start, goal) < SHORTEST_TASK:
         return None
