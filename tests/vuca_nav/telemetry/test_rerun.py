@@ -369,6 +369,52 @@ def test_trail_is_thinned_out_but_ends_where_the_pose_is():
     assert points[-1] == pytest.approx([1.0, 0.0, 0.0])
 
 
+def test_a_trail_moves_along_with_the_map():
+    correction, poses = Pose2(1.0, -2.0, 0.5), [Pose2(0.1 * step, 0.02 * step, 0.0) for step in range(12)]
+    trail, moved = drawing.Trail(look.TRUE, 0.0), drawing.Trail(look.TRUE, 0.0)
+    for pose in poses:
+        trail.extend(pose)
+        moved.extend(compose(correction, pose))
+    trail.move(correction)
+    assert points_of(trail) == pytest.approx(points_of(moved), abs=1e-6)
+    for line in (trail, moved):  # it goes on from where the robot is now
+        line.extend(compose(correction, Pose2(1.4, 0.3, 0.0)))
+    assert points_of(trail) == pytest.approx(points_of(moved), abs=1e-6)
+    empty = drawing.Trail(look.TRUE, 0.0)
+    empty.move(correction)
+    assert len(points_of(empty)) == 0
+
+
+def points_of(trail: drawing.Trail) -> np.ndarray:
+    strips = trail.strip().strips
+    assert strips is not None
+    return np.array(strips.as_arrow_array().to_pylist()[0])
+
+
+def test_of_the_trails_only_the_estimates_follows_a_correction(tmp_path: Path):
+    path, correction = tmp_path / "run.rrd", Pose2(0.0, 3.0, math.pi / 2.0)
+    telemetry = RerunTelemetry.record(path, title="run")
+    for tick in range(61):
+        telemetry.time(tick / RATE)
+        pose = Pose2(0.05 * tick, 0.0, 0.0)
+        if tick == 30:
+            telemetry.map_correction(correction)
+        telemetry.true_pose(pose)
+        telemetry.estimated_pose(compose(correction, pose) if tick >= 30 else pose, pose)
+    telemetry.close()
+    (estimate,), (odometry,), (true,) = (
+        column(path, trail, "LineStrips3D:strips")[-1]
+        for trail in ("/map/trail/estimate", "/map/trail/odometry", "/world/trail")
+    )
+    for straight in (odometry, true):
+        assert straight[0][:2] == [0.0, 0.0]
+        assert straight[-1][:2] == pytest.approx([3.0, 0.0])
+    # All of it, what was drawn before the correction too: from (0, 3) on upwards.
+    assert np.array(estimate)[:, 0] == pytest.approx(0.0, abs=1e-5)
+    assert estimate[0][:2] == pytest.approx([0.0, 3.0], abs=1e-5)
+    assert estimate[-1][:2] == pytest.approx([0.0, 6.0], abs=1e-5)
+
+
 def test_the_chosen_frontier_is_among_the_best_whatever_its_score():
     assert best_first(VIEW, 3) == [0, 1, 2]
     worst_chosen = FrontierView(VIEW.points_in_map, VIEW.goal_term, VIEW.safety_term, VIEW.score, chosen=3)
