@@ -199,7 +199,7 @@ class StaticScenes(NamedTuple):
     """Origin and resolution of each layout's grid (layouts, 3) [m]."""
 
 
-class MovingParts(NamedTuple):
+class PartTrajectories(NamedTuple):
     """Parts of the moving obstacles around each of n robots, over some ticks."""
 
     shapes: np.ndarray
@@ -220,7 +220,7 @@ def overlaps_batch(rows, poses, outlines, scenes, layout, parts, hit, moved):
         outlines: An :class:`Outlines` of the robots.
         scenes: A :class:`StaticScenes`.
         layout: The scene that each robot is in, (n,).
-        parts: A :class:`MovingParts`.
+        parts: A :class:`PartTrajectories`.
         hit: Output: the tick, -1 if there is none, (n,).
         moved: Scratch, (c, 2).
     """

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.clearance import MovingParts, Outlines, StaticScenes, overlaps_batch
+from robots.clearance import Outlines, PartTrajectories, StaticScenes, overlaps_batch
 from train.arena.bank import Bank
 from train.arena.bodies import HIGHEST, LARGEST_RADIUS, WHEEL_ARM, WHEEL_SPEED, BodyColumns
 from train.arena.config import KINDS, ArenaConfig
@@ -178,7 +178,7 @@ class Shard:
         bank = self.bank
         scenes = StaticScenes(bank.static, bank.first, bank.clearance, bank.grid_shape, bank.grids)
         outlines = Outlines(self._footprints, self._corners, self._radii, self._heights)
-        parts = MovingParts(state.parts, self._part_poses, state.num_parts)
+        parts = PartTrajectories(state.parts, self._part_poses, state.num_parts)
         overlaps_batch(rows, self._poses, outlines, scenes, state.layout, parts, self._hit, self._moved)
         judge(rows, self._poses, self._hit, GOAL_TOLERANCE, self._episodes, self._ends)
         out.turn_rate[rows] = np.abs(self._twist[rows, 2])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from robots.bodies.tiago import FOOTPRINT
-from robots.clearance import FootprintClearance, MovingParts, Outlines, StaticScenes, overlaps_batch
+from robots.clearance import FootprintClearance, Outlines, PartTrajectories, StaticScenes, overlaps_batch
 from vuca_nav.types import LidarSpec, Pose2
 from worlds.arrays import pack_shapes
 from worlds.clearance import clearance_field, distance_to_wide_ways
@@ -180,7 +180,7 @@ def overlap(shapes, pose, height=1.2, parts=(), part_poses=(), footprint=FOOTPRI
         static, np.array([0, len(shapes)]), near, np.array([[0, *field.distance.shape]]),
         np.array([[-20.0, -20.0, 0.1]]),
     )  # fmt: skip
-    moving = MovingParts(moving, places, np.array([len(parts)]))
+    moving = PartTrajectories(moving, places, np.array([len(parts)]))
     overlaps_batch(ONE, np.array([[pose]], float), outlines, scenes, ONE, moving, hit, np.empty_like(footprint))
     return hit[0] == 0
 
