@@ -12,7 +12,7 @@ from vuca_nav.perception.tracks import CERTAINTY, HAS_LEFT, RADIUS, TRACK_SIZE, 
 from vuca_nav.policy.observation import limits_of
 from vuca_nav.shield.futures import Futures
 from vuca_nav.shield.rollouts import (
-    AS_COMMANDED,
+    _OBEY,
     BodyState,
     ShieldScene,
     ShieldSettings,
@@ -24,6 +24,7 @@ from vuca_nav.shield.rollouts import (
     cheapest,
     select_moving,
     stops_clear,
+    what_may_be_met,
     without_tracks,
 )
 from vuca_nav.shield.shield import ShieldConfig, ways_out
@@ -56,6 +57,10 @@ def settings_of(body: BodySpec) -> ShieldSettings:
 DISC = settings_of(disc_body())
 
 
+def state_at(x=0.0, y=0.0, yaw=0.0, v_x=0.0, v_y=0.0, w_z=0.0) -> BodyState:
+    return BodyState(x, y, yaw, math.cos(yaw), math.sin(yaw), v_x, v_y, w_z)
+
+
 def movers(rng: np.random.Generator) -> np.ndarray:
     """One to three that come at the robot more or less, (k, TRACK_SIZE)."""
     k = rng.integers(1, 4)
@@ -74,17 +79,17 @@ def test_in_every_future_the_best_of_all_ways_out_is_taken(seed):
     futures = Futures(16, CONFIG.futures).draw(tracks, DistanceField.empty(CONFIG.far_reach, CONFIG.far_resolution))
     near, first = np.arange(len(tracks)), round(CONFIG.segment / CONFIG.futures.time_step)
     command = np.array([rng.uniform(-0.4, 1.0), 0.0, rng.uniform(-1.0, 1.0)])
-    state = BodyState(0.0, 0.0, 0.0, float(rng.uniform(0, 1)), 0.0, 0.0)
-    scene = ShieldScene(FREE, FREE, tracks, futures)
+    state = state_at(v_x=float(rng.uniform(0, 1)))
+    scene = ShieldScene(FREE, FREE, tracks, futures, near)
     scratch = WaysOut(ways, np.zeros((len(ways), STEPS, 4)))
-    risk = _risk(command, state, scene, near, scratch, DISC, NO_LIMIT, math.inf)
+    risk = _risk(command, state, scene, scratch, DISC, NO_LIMIT, math.inf)
 
     obeyed = np.zeros((first, 4))
-    turned = _roll_out(AS_COMMANDED, 0.0, command, state, FREE, DISC, NO_LIMIT, obeyed)
+    turned = _roll_out(_OBEY, command, state, FREE, DISC, NO_LIMIT, obeyed)
     trajectories = np.zeros((len(ways), STEPS, 4))
-    for (kind, number), trajectory in zip(ways, trajectories):
+    for way, trajectory in zip(ways, trajectories):
         trajectory[:first] = obeyed
-        _roll_out(kind, number, command, turned, FREE, DISC, NO_LIMIT, trajectory[first:])
+        _roll_out(way, command, turned, FREE, DISC, NO_LIMIT, trajectory[first:])
     harms = []
     for future in futures:
         at_first = _harm(future, tracks, near, trajectories[0], 0, first, DISC)
@@ -92,7 +97,7 @@ def test_in_every_future_the_best_of_all_ways_out_is_taken(seed):
         harms.append(max(at_first, min(then)))
     assert risk == pytest.approx(np.mean(harms), abs=1e-12)
     for most in (0.3 * risk, 2.0 * risk):  # it is added up only as far as it matters
-        capped = _risk(command, state, scene, near, scratch, DISC, NO_LIMIT, most)
+        capped = _risk(command, state, scene, scratch, DISC, NO_LIMIT, most)
         assert min(capped, most) == pytest.approx(min(risk, most), abs=1e-12)
 
 
@@ -104,7 +109,7 @@ def test_only_tracks_that_surely_move_are_selected():
     tracks[1, CERTAINTY] = 0.5
     tracks[2, HAS_LEFT] = 0.0
     out = np.zeros((16, TRACK_SIZE))
-    assert select_moving(tracks, DISC, out) == 1
+    assert select_moving(tracks, 0.25, 0.6, out) == 1
     np.testing.assert_array_equal(out[0], tracks[3])
 
 
@@ -139,7 +144,7 @@ def random_ranges(rng: np.random.Generator) -> np.ndarray:
 def random_state(rng: np.random.Generator, body: BodySpec) -> BodyState:
     """Anything that the body can do, and where it is after a delay of up to 0.2 s."""
     speeds = random_command(rng, body)
-    return BodyState(*rng.uniform([-0.2, -0.2, -0.3], [0.2, 0.2, 0.3]), *speeds)
+    return state_at(*rng.uniform([-0.2, -0.2, -0.3], [0.2, 0.2, 0.3]), *speeds)
 
 
 def random_command(rng: np.random.Generator, body: BodySpec) -> np.ndarray:
@@ -155,11 +160,14 @@ def field_of(ranges: np.ndarray, reach: float, resolution: float) -> DistanceFie
 FIELDS = {"a percept's": (2.6, 0.05), "the shield's": (CONFIG.reach, CONFIG.resolution), "a coarse one": (2.6, 0.1)}
 
 
+def still_scene(field: DistanceField) -> ShieldScene:
+    return ShieldScene(field, field, NO_TRACKS, NO_FUTURES, np.empty(0, np.int64))
+
+
 def lack(command, state, settings, field):
     """Of clearance, if nothing moves [m]."""
-    now = smooth_clearance_at(field, settings.discs, state.x, state.y, math.cos(state.yaw), math.sin(state.yaw))
-    scene, now = ShieldScene(field, field, NO_TRACKS, NO_FUTURES), now - settings.margin
-    return _lack_of_clearance(command, state, scene, settings, now, now)
+    now = smooth_clearance_at(field, settings.discs, state.x, state.y, state.cos, state.sin) - settings.margin
+    return _lack_of_clearance(command, state, still_scene(field), settings, (now, now))
 
 
 @pytest.mark.parametrize("reach_and_resolution", FIELDS.values(), ids=FIELDS)
@@ -188,7 +196,7 @@ def test_what_stops_clear_is_the_cheapest_of_all(body):
         ranges, state = random_ranges(rng), random_state(rng, body)
         candidates = np.array([random_command(rng, body) for _ in range(20)])
         field = field_of(ranges, 2.6, 0.05)
-        best = cheapest(candidates, state, ShieldScene(field, field, NO_TRACKS, NO_FUTURES), scratch, settings)
+        best = cheapest(candidates, state, still_scene(field), scratch, settings, 0)
         if stops_clear(ranges, BEAMS, candidates[0], state, settings, field.uncertainty):
             clear += 1
             assert best == 0
@@ -197,7 +205,7 @@ def test_what_stops_clear_is_the_cheapest_of_all(body):
 
 def test_it_stops_clear_before_a_wall_that_is_far_enough():
     """From 1 m/s at 1 m/s^2 the disc needs 0.5 m and 0.2 m of holding on, its radius, and the margins."""
-    state, ahead = BodyState(0.0, 0.0, 0.0, 1.0, 0.0, 0.0), np.array([1.0, 0.0, 0.0])
+    state, ahead = state_at(v_x=1.0), np.array([1.0, 0.0, 0.0])
     needs = 0.5 + 0.2 + 0.28 + CONFIG.margin
     for wall, clear in ((needs - 0.05, False), (needs + 0.2, True)):
         ranges = ranges_to_boxes(np.array([[wall, -8.0, wall + 0.2, 8.0]]), Pose2(0.0, 0.0, 0.0))
@@ -205,3 +213,37 @@ def test_it_stops_clear_before_a_wall_that_is_far_enough():
     assert stops_clear(NOTHING, BEAMS, ahead, state, DISC, 0.1)
     slow = DISC._replace(accelerations=np.array([1e-9, 0.0, 1e-9]))  # a braking that does not end
     assert not stops_clear(NOTHING, BEAMS, ahead, state, slow, 0.1)
+
+
+@pytest.mark.parametrize("body", [disc_body(), LONG], ids=["disc", "long"])
+def test_the_cheapest_is_the_same_whatever_is_guessed(body):
+    settings, ways = settings_of(body), ways_out(CONFIG.num_ways_out)
+    scratch, chosen = WaysOut(ways, np.zeros((len(ways), STEPS, 4))), []
+    futures = Futures(16, CONFIG.futures)
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        ranges, state, tracks = random_ranges(rng), random_state(rng, body), movers(rng)
+        field, far = field_of(ranges, 4.0, 0.05), field_of(ranges, CONFIG.far_reach, CONFIG.far_resolution)
+        drawn = futures.draw(tracks, far)
+        near = what_may_be_met(tracks, drawn, state, settings)
+        scene = ShieldScene(field, field, tracks, drawn, near)
+        candidates = np.array([random_command(rng, body) for _ in range(30)])
+        best = cheapest(candidates, state, scene, scratch, settings, 0)
+        assert {cheapest(candidates, state, scene, scratch, settings, guess) for guess in range(1, 30, 4)} == {best}
+        assert cheapest(candidates, state, scene, scratch, settings, best) == best
+        chosen.append(best)
+    assert len(set(chosen)) > 5
+
+
+def test_what_may_be_met_comes_near_in_some_future():
+    tracks = np.ones((3, TRACK_SIZE))
+    tracks[:, RADIUS] = 0.3
+    tracks[0, [X, Y, V_X, V_Y]] = 1.5, 0.0, -0.5, 0.0  # comes
+    tracks[1, [X, Y, V_X, V_Y]] = -7.5, 0.0, -1.0, 0.0  # far, and goes
+    tracks[2, [X, Y, V_X, V_Y]] = 0.8, 0.2, 0.0, 0.3  # near
+    drawn = Futures(16, CONFIG.futures).draw(tracks, DistanceField.empty(CONFIG.far_reach, CONFIG.far_resolution))
+    assert sorted(what_may_be_met(tracks, drawn, state_at(), DISC)) == [0, 2]
+    many = np.ones((9, TRACK_SIZE))
+    many[:, X], many[:, Y], many[:, V_X:RADIUS] = 0.6 + 0.1 * np.arange(9), 0.0, 0.0
+    drawn = Futures(16, CONFIG.futures).draw(many, DistanceField.empty(CONFIG.far_reach, CONFIG.far_resolution))
+    assert what_may_be_met(many, drawn, state_at(), DISC).tolist() == list(range(6))  # the nearest
