@@ -1,4 +1,5 @@
 import pickle
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -115,6 +116,8 @@ def test_the_lower_layer_is_measured_against_its_goals(monkeypatch):
         "perception_step_mean", "perception_step_p99", "fusion_step_mean", "fusion_step_p99", "fusion-plus_step_mean",
         "fusion-plus_step_p99", "shield_step_mean", "shield_step_p99", "shield_step_max", "v_h_of_200",
     ]  # fmt: skip
+    text = (Path(__file__).parents[3] / "docs" / "performance.md").read_text()
+    assert all(f"`{name}`" in text for name in results)
     for name, limit in (("fusion_step_mean", 0.3), ("v_h_of_200", 2.0), ("shield_step_p99", 100.0 / 3.0)):
         value, meaning = results[name]["value"], results[name]["meaning"]
         assert value > 0.0
