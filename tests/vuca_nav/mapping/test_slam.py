@@ -92,7 +92,7 @@ def test_scans_of_beams_change_the_cells_that_points_on_the_beams_lie_in():
         ends = sensor + rng.uniform(0.02, 4.0, (60, 1)) * np.column_stack([np.cos(angles), np.sin(angles)])
         box = np.r_[ends.min(axis=0), ends.max(axis=0)]
         num_hits = 20
-        grid.insert(Pose2(*sensor, 0.0), ends, num_hits, np.zeros(60), box)
+        grid.insert(Pose2(sensor[0], sensor[1], 0.0), ends, num_hits, np.zeros(60), box)
         hits = {grid.cell(x, y) for x, y in ends[:num_hits]}
         in_cells = [(np.array(p)[::-1] - grid.origin[::-1]) / grid.resolution for p in (sensor, *ends)]
         passed = {cell for end in in_cells[1:] for cell in beam_cells(tuple(in_cells[0]), tuple(end))} - hits
@@ -111,7 +111,7 @@ def test_beams_along_edges_and_diagonals_stay_beside_them():
         corner = np.array(grid.origin) + 0.05 * 300
         end = corner + 1.0 * np.array(direction)
         box = np.r_[np.minimum(corner, end), np.maximum(corner, end)]
-        grid.insert(Pose2(*corner, 0.0), end[None], 1, np.zeros(1), box)
+        grid.insert(Pose2(corner[0], corner[1], 0.0), end[None], 1, np.zeros(1), box)
         assert grid.state(*end) == 1
         for i, j in np.argwhere(grid.level < 0):
             centre = np.array(grid.origin) + 0.05 * (np.array([j, i]) + 0.5) - corner
