@@ -48,7 +48,7 @@ def test_what_passes_by_or_comes_late_is_not_urgent():
     assert meaning((2.0, 0.6, -1.0, 0.0, 0.2))[1] == 0.0
     assert meaning((4.0, 0.0, -1.0, 0.0, 0.2))[1] == 0.0  # in 3.45 s
     assert meaning((2.0, 0.0, 1.0, 0.0, 0.2))[1] == 0.0  # it goes
-    # What crosses is met by who waits in its way, not by who has gone on.
+    # What crosses is met by a body that waits in its way, not by one that has gone on.
     meetings, still, _ = meaning((0.0, 1.5, 0.0, -1.0, 0.2), speed=2.0)
     assert still > 0.5
     assert meetings[0, 12] == 0.0
