@@ -239,7 +239,7 @@ def test_who_drives_is_ones_own_policy_or_the_shipped_one(policy, tmp_path, monk
 
 
 def test_what_is_learnt_on_one_side_holds_on_the_other():
-    config = replace(TINY, passes=30, rate=1e-2)
+    config = replace(TINY, passes=30, rate=1e-2, hidden=16)
     learner = CriticLearner(config, 1, None, TRACKED, None)  # type: ignore[arg-type]
     rng = np.random.default_rng(0)
     x = rng.uniform(-1.0, 1.0, (512, TRACKED.size)).astype(np.float32)
