@@ -35,3 +35,24 @@ def prepare_directory(path: Path) -> None:
         probe.unlink()
     except OSError as error:
         raise BadArgument(f"--out {path} cannot be written: {error}") from error
+
+
+def prepare_file(path: Path) -> None:
+    """Make the directory of a file of results, and see that the file can be written, before an hour is spent on it.
+
+    Args:
+        path: What ``--out`` names; a file that is there is left as it is.
+
+    Raises:
+        BadArgument: If it is a directory, or cannot be written.
+    """
+    if path.is_dir():
+        raise BadArgument(f"--out {path} is a directory, expected a file")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        existed = path.exists()
+        path.open("ab").close()
+        if not existed:
+            path.unlink()
+    except OSError as error:
+        raise BadArgument(f"--out {path} cannot be written: {error}") from error

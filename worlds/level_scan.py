@@ -29,14 +29,14 @@ class Standing(NamedTuple):
     """Where a layout's shapes begin, and where the last one's end, (layouts + 1,)."""
 
 
-class MovingParts(NamedTuple):
-    """The movers' parts in n worlds."""
+class CurrentParts(NamedTuple):
+    """The movers' parts in n worlds, at one moment."""
 
     shapes: np.ndarray
     """(n, p, LEVEL_COLUMNS); their poses are taken from ``poses``."""
     poses: np.ndarray
     """x, y, cos, sin in the world, (n, p, 4) [m]."""
-    count: np.ndarray
+    counts: np.ndarray
     """How many of them there are, (n,)."""
 
 
@@ -59,7 +59,7 @@ def cast_level(rows, poses, heights, layout, standing, parts, beams, max_range, 
         heights: Of their planes above the floor, (n,) [m].
         layout: Of each row, (n,).
         standing: A ``Standing``.
-        parts: A ``MovingParts``.
+        parts: A ``CurrentParts``.
         beams: cos, sin of the beams in the lidar's frame, (2, num_beams); the first at -pi, evenly spaced.
         max_range: [m]
         ranges: Output (n, num_beams), ``inf`` beyond the maximum range [m].
@@ -81,7 +81,7 @@ def cast_level(rows, poses, heights, layout, standing, parts, beams, max_range, 
             if row[LOWER] <= height <= row[UPPER]:
                 place = (ox - row[SHAPE_X], oy - row[SHAPE_Y], row[SHAPE_COS], row[SHAPE_SIN])
                 _see(place, row, base, direction, max_range, out)
-        for p in range(parts.count[i]):
+        for p in range(parts.counts[i]):
             row = parts.shapes[i, p]
             if row[LOWER] <= height <= row[UPPER]:
                 pose = parts.poses[i, p]

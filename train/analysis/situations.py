@@ -17,7 +17,7 @@ from vuca_nav.footprint import outline_ranges
 from vuca_nav.policy.track_features import time_to_meeting
 from vuca_nav.task import NEAR_RANGE
 from vuca_nav.types import FloatArray, LidarSpec
-from worlds.level_scan import MovingParts, Standing, cast_level
+from worlds.level_scan import CurrentParts, Standing, cast_level
 from worlds.motion.mover_columns import RADIUS, V_X, V_Y, X, Y
 
 SITUATIONS = ("open floor", "tight passage", "sudden mover", "dead end", "known mover", "other")
@@ -224,7 +224,7 @@ class ArenaSituations:
         self._half_width, self._front = np.ascontiguousarray(np.array(sizes)[body].T)
         state, bank = self._shard.rows, self._shard.bank
         self._layouts = Standing(bank.static, bank.first)
-        self._no_parts = MovingParts(state.parts, np.zeros((n, 1, 4)), np.zeros(n, np.int64))
+        self._no_parts = CurrentParts(state.parts, np.zeros((n, 1, 4)), np.zeros(n, np.int64))
         self._robots, self._movers = state.robots(), state.mover_rows()
         movers = state.movers.shape[1]
         self._threats = Threats(

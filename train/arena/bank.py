@@ -1,10 +1,10 @@
 """The layouts that episodes are drawn from: made once from worlds' generators, as arrays that all rows share."""
 
 import hashlib
+import io
 import math
 import os
 import sys
-import tempfile
 import time
 import zipfile
 import zlib
@@ -21,6 +21,7 @@ import worlds
 from train.arena.bodies import LARGEST_RADIUS
 from train.arena.config import KINDS, ArenaConfig
 from vuca_nav.errors import BadWorld
+from vuca_nav.files import write_whole
 from vuca_nav.types import FloatArray
 from worlds.arrays import pack_shapes
 from worlds.clearance import ClearanceField, clearance_field, distance_to_wide_ways
@@ -241,8 +242,8 @@ def _mover_shapes(seed: int) -> tuple[FloatArray, FloatArray, np.ndarray, FloatA
 def _store(file: Path, arrays: dict[str, np.ndarray]) -> None:
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=file.parent, suffix=".tmp", delete=False) as temporary:
-            np.savez_compressed(temporary, **arrays)  # type: ignore[arg-type]
-        os.replace(temporary.name, file)
+        whole = io.BytesIO()
+        np.savez_compressed(whole, **arrays)  # type: ignore[arg-type]
+        write_whole(file, whole.getvalue())
     except OSError:
         return  # a cache that cannot be written only costs time

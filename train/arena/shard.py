@@ -28,7 +28,7 @@ from train.arena.rows import GOAL_X, GOAL_Y, Rows
 from vuca_nav.policy.observation import ObservationConfig, Observer, command_from_action, goal_features
 from vuca_nav.task import GOAL_TOLERANCE
 from vuca_nav.types import FloatArray, LidarSpec
-from worlds.level_scan import MovingParts, Standing, cast_level
+from worlds.level_scan import CurrentParts, Standing, cast_level
 from worlds.motion.movers import TICK, TICK_RATE, TURN_RATE
 from worlds.motion.walk import Population, WideWays, place_batch, walk_batch
 
@@ -129,8 +129,11 @@ class Shard:
         self._request, self._movers = rows.mover_request(), rows.mover_rows()
         self._parts = rows.part_rows(self._part_poses)
         self._ways = WideWays(bank.away, bank.grid_shape, bank.grids)
+        self._scenes = StaticScenes(bank.static, bank.first, bank.clearance, bank.grid_shape, bank.grids)
+        self._outlines = Outlines(self._footprints, self._corners, self._radii, self._heights)
+        self._moving_parts = MovingParts(rows.parts, self._part_poses, rows.num_parts)
         self._standing = Standing(bank.static, bank.first)
-        self._moving = MovingParts(rows.parts, self._part_poses[:, -1], rows.num_parts)
+        self._current_parts = CurrentParts(rows.parts, self._part_poses[:, -1], rows.num_parts)
         self._population = Population(
             bank.mover_radius, config.patrols, config.pausing, *STANDING, bank.places, bank.places_of
         )
@@ -175,11 +178,9 @@ class Shard:
         rows = self._all if not self._once else np.flatnonzero(self.active)
         self.drive(rows, action)
         self.move(rows, self._num_ticks)
-        bank = self.bank
-        scenes = StaticScenes(bank.static, bank.first, bank.clearance, bank.grid_shape, bank.grids)
-        outlines = Outlines(self._footprints, self._corners, self._radii, self._heights)
-        parts = PartTrajectories(state.parts, self._part_poses, state.num_parts)
-        overlaps_batch(rows, self._poses, outlines, scenes, state.layout, parts, self._hit, self._moved)
+        overlaps_batch(
+            rows, self._poses, self._outlines, self._scenes, state.layout, self._moving_parts, self._hit, self._moved
+        )
         judge(rows, self._poses, self._hit, GOAL_TOLERANCE, self._episodes, self._ends)
         out.turn_rate[rows] = np.abs(self._twist[rows, 2])
         self._look(rows)
@@ -231,7 +232,7 @@ class Shard:
         """Scans of these rows, the truth about them, and what the stack is given."""
         state = self.rows
         cast_level(
-            rows, state.pose, self._lidar_heights, state.layout, self._standing, self._moving, self._beams,
+            rows, state.pose, self._lidar_heights, state.layout, self._standing, self._current_parts, self._beams,
             self._reach, self.ranges,
         )  # fmt: skip
         sense(

@@ -29,7 +29,7 @@ from train.locomotion.floors import SILL_DEPTH, Floor, compile_model
 from train.locomotion.randomise import Randomisation, randomise_robot
 from vuca_nav.cli import run_module
 from vuca_nav.errors import BadArgument
-from vuca_nav.files import write_whole
+from vuca_nav.files import prepare_file, write_whole
 from vuca_nav.types import STOP, FloatArray, Pose2, VelocityCommand
 
 CONTROL, PHYSICS = 60, 300
@@ -220,21 +220,6 @@ class EvaluateArguments:
     seed: int = 0
 
 
-def prepare_out(path: Path) -> None:
-    """Make the directory of a results file, before an hour is spent on them.
-
-    Raises:
-        BadArgument: If no file can be written there.
-    """
-    if path.is_dir():
-        raise BadArgument(f"--out {path} is a directory, expected a JSON file")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.open("a").close()
-    except OSError as error:
-        raise BadArgument(f"--out {path} cannot be written: {error}") from error
-
-
 def main(arguments: EvaluateArguments) -> None:
     """Print a table, write JSON.
 
@@ -245,7 +230,7 @@ def main(arguments: EvaluateArguments) -> None:
     if arguments.seed < 0 or not 0.0 <= arguments.minutes < math.inf:
         raise BadArgument(f"--seed and --minutes must be 0 or more, got {arguments.seed} and {arguments.minutes}")
     if arguments.out is not None:
-        prepare_out(arguments.out)
+        prepare_file(arguments.out)
     body = Quadruped(find_quadruped(arguments.robot), arguments.weights)
     results: dict = {"robot": arguments.robot, "minutes": arguments.minutes}
     results["real_time_factor"] = real_time_factor(body)

@@ -221,7 +221,7 @@ def test_what_cannot_be_watched(tmp_path, monkeypatch, capsys):
         (replace(good, files=(two, two)), "same name"),
         (replace(good, episodes=0), "one or more"),
         (replace(good, kinds=()), "one or more"),
-        (replace(good, out=two), "cannot be made"),
+        (replace(good, out=two), "is a file, expected a directory"),
     ):
         with pytest.raises(BadArgument, match=message):
             main(wrong)

@@ -26,13 +26,14 @@ from tests.robots.gaits import untaught
 from train.locomotion.batch import Batch, SensorNoise
 from train.locomotion.config import GAIT_PPO, Stage, TrainingConfig
 from train.locomotion.environment import EnvironmentConfig, LocomotionEnvironment
-from train.locomotion.evaluate import CONTROL, Track, prepare_out, tracking_errors
+from train.locomotion.evaluate import CONTROL, Track, tracking_errors
 from train.locomotion.floors import Floor
 from train.locomotion.kernels import CRITIC_SIZE, FALL_COST, NUM_NORMAL, NUM_UNIFORM, Challenge, _reset
 from train.locomotion.policy import Normaliser, action_mirror, observation_mirror, privileged_mirror
 from train.locomotion.rewards import REWARDS
 from train.locomotion.training import make_learner
 from vuca_nav.errors import BadArgument
+from vuca_nav.files import prepare_file
 from vuca_nav.types import VelocityCommand
 
 SMALL = EnvironmentConfig(num_robots=8)
@@ -223,11 +224,13 @@ def test_after_a_fall_it_counts_as_standing_still():
 
 def test_results_that_cannot_be_written_are_refused_at_the_start(tmp_path):
     with pytest.raises(BadArgument, match="is a directory"):
-        prepare_out(tmp_path)
+        prepare_file(tmp_path)
     (tmp_path / "file").touch()
     with pytest.raises(BadArgument, match="cannot be written"):
-        prepare_out(tmp_path / "file" / "results.json")
-    prepare_out(tmp_path / "new" / "results.json")
+        prepare_file(tmp_path / "file" / "results.json")
+    prepare_file(tmp_path / "new" / "results.json")
+    assert (tmp_path / "new").is_dir()
+    assert not list((tmp_path / "new").iterdir())
 
 
 def test_a_higher_leg_is_shortened_until_the_trunk_is_level():

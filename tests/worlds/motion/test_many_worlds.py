@@ -10,7 +10,7 @@ from robots.clearance import FootprintClearance, Outlines, PartTrajectories, Sta
 from vuca_nav.types import LidarSpec, Pose2
 from worlds.arrays import pack_shapes
 from worlds.clearance import clearance_field, distance_to_wide_ways
-from worlds.level_scan import MovingParts, Standing, cast_level, level_columns
+from worlds.level_scan import CurrentParts, Standing, cast_level, level_columns
 from worlds.motion.mover_columns import (
     DIRECTION,
     FIRST_WAYPOINT,
@@ -46,7 +46,7 @@ def level_scan(shapes, pose, height=0.1, parts=(), part_poses=(), max_range=12.0
     ranges = np.empty((1, NUM_BEAMS))
     cast_level(
         ONE, np.array([pose], float), np.array([height]), ONE, Standing(static, np.array([0, len(shapes)])),
-        MovingParts(moving, places, np.array([len(parts)])), BEAMS, max_range, ranges,
+        CurrentParts(moving, places, np.array([len(parts)])), BEAMS, max_range, ranges,
     )  # fmt: skip
     return ranges[0]
 

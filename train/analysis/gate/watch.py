@@ -27,6 +27,7 @@ from train.arena.config import KINDS
 from train.navigation.networks import FusedActor
 from train.navigation.weights import actor_of
 from vuca_nav.errors import BadArgument
+from vuca_nav.files import prepare_directory, write_whole
 from vuca_nav.policy.weights_file import PolicyWeights, load_weights
 
 LEAST_SHARE = 0.01
@@ -175,10 +176,7 @@ def main(arguments: GateArguments) -> None:
             raise BadArgument(
                 f"{path} is one network without a gate; fused policies have one, as fusion and fusion-plus"
             )
-    try:
-        arguments.out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BadArgument(f"--out {arguments.out} cannot be made: {error}") from error
+    prepare_directory(arguments.out)
     torch.set_num_threads(1)
     policies = {name: analyse(name, source, arguments) for name, source in weights.items()}
     summary = {
@@ -187,7 +185,7 @@ def main(arguments: GateArguments) -> None:
         "precedence": [SITUATIONS[k] for k in PRECEDENCE], "policies": policies,
     }  # fmt: skip
     summary["arguments"]["files"] = [str(path) for path in arguments.files]
-    (arguments.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
+    write_whole(arguments.out / "summary.json", json.dumps(summary, indent=2) + "\n")
     print(
         f"{arguments.episodes} episodes of seed {arguments.seed} in each kind of world: {', '.join(arguments.kinds)}."
     )
