@@ -131,7 +131,7 @@ class Shard:
         self._ways = WideWays(bank.away, bank.grid_shape, bank.grids)
         self._scenes = StaticScenes(bank.static, bank.first, bank.clearance, bank.grid_shape, bank.grids)
         self._outlines = Outlines(self._footprints, self._corners, self._radii, self._heights)
-        self._moving_parts = MovingParts(rows.parts, self._part_poses, rows.num_parts)
+        self._moving_parts = PartTrajectories(rows.parts, self._part_poses, rows.num_parts)
         self._standing = Standing(bank.static, bank.first)
         self._current_parts = CurrentParts(rows.parts, self._part_poses[:, -1], rows.num_parts)
         self._population = Population(
