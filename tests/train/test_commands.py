@@ -48,7 +48,6 @@ def test_without_arguments_the_full_recipe_goes_to_runs(calls):
         ("--threads 0", "--threads"),
         ("--seed=-1", "seed"),
         ("--robot tiago", "tiago"),
-        ("--resume", "--resume"),
         ("--out file", "is a file"),
         ("--out file/run", "cannot be written"),
         ("--out /proc/run", "cannot be written"),
