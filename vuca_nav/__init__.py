@@ -1,1 +1,1 @@
-"""The navigation stack: mapping, exploration, planning and local control. Knows nothing of any simulator."""
+"""The navigation stack: mapping, exploration, planning and local control. It depends on no simulator."""

@@ -34,7 +34,7 @@ EXTRA_OF_MODULE = {
     "tqdm": "sim",
     "trimesh": "sim",
 }
-"""Which of our extras brings an optional package."""
+"""The extra of this project that brings an optional package."""
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
@@ -44,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command.
 
     Args:
-        argv: What follows ``vuca``; by default the process's own arguments.
+        argv: Arguments after ``vuca``; by default the process's own arguments.
 
     Returns:
         The exit code.
@@ -68,10 +68,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def run_module(name: str, main: Callable[[Arguments], object], kind: type[Arguments]) -> None:
-    """What ``python -m`` of a module with a single command does; it ends with the same lines and codes as ``vuca``.
+    """Run the single command of a module under ``python -m``, with the error lines and exit codes of ``vuca``.
 
     Args:
-        name: For messages.
+        name: The command's name in messages.
         main: The command.
         kind: Its arguments, a dataclass.
     """
@@ -86,7 +86,7 @@ def run_module(name: str, main: Callable[[Arguments], object], kind: type[Argume
 
 
 def _answer(name: str, command: Callable[[], int]) -> int:
-    """The exit code of a command, after the line that tells what went wrong, if anything did."""
+    """Run a command and return its exit code; an error is printed as one line first."""
     try:
         return command()
     except VucaError as error:
@@ -96,7 +96,7 @@ def _answer(name: str, command: Callable[[], int]) -> int:
     except KeyboardInterrupt:
         print(f"\n{name}: interrupted", file=sys.stderr)
         return EXIT_INTERRUPTED
-    except BrokenPipeError:  # the reader of our output, as `head`, has gone
+    except BrokenPipeError:  # the reader of the output, `head` for example, has closed the pipe
         sys.stderr.close()
         return 1
 
@@ -107,7 +107,7 @@ def parse(kind: type[Arguments], command: str, argv: list[str]) -> Arguments:
     Args:
         kind: A dataclass; its fields are the flags, their docstrings the help.
         command: The command's name, for the help.
-        argv: What follows the command's name.
+        argv: Arguments after the command's name.
 
     Raises:
         VucaError: An argument is unknown, missing or not of its type.
@@ -116,7 +116,7 @@ def parse(kind: type[Arguments], command: str, argv: list[str]) -> Arguments:
 
 
 def _parse(kind: type[Arguments], program: str, argv: list[str]) -> Arguments:
-    """The same, of what is started by typing ``program``."""
+    """Parse arguments as ``parse`` does, for the program that is typed as ``program``."""
     import tyro
 
     complaint = io.StringIO()
@@ -157,13 +157,13 @@ def _first_paragraph(box: str) -> str:
 
 
 def _bad_input(name: str, message: str) -> int:
-    """One line, however many the message has."""
+    """Print a message as one line and return the exit code of bad input."""
     print(f"{name}: {' '.join(message.split())}", file=sys.stderr)
     return EXIT_BAD_INPUT
 
 
 def _what_to_install(error: ModuleNotFoundError) -> str:
-    """Which extra brings the missing package; a package that no extra brings is a bug, and raised again."""
+    """Advice on the extra that brings the missing package; without one it is a bug, and the error is raised again."""
     module = (error.name or "").partition(".")[0]
     if module not in EXTRA_OF_MODULE:
         raise error

@@ -9,7 +9,7 @@ class VucaError(Exception):
 
 
 def how_to_install(extra: str) -> str:
-    """What to type for one of our extras: no package index has the project, a clone of it is installed."""
+    """Command that installs an extra of a clone: no package index has the project."""
     return f"run pip install -e '.[{extra}]' in your clone of vuca-nav"
 
 
@@ -17,7 +17,7 @@ class UnknownName(VucaError):
     """A name that is not among those available.
 
     Args:
-        kind: What was named, as in ``"robot"``.
+        kind: Kind of the name, as in ``"robot"``.
         name: The name that was given.
         available: The names that exist.
     """
@@ -40,4 +40,4 @@ class BadArgument(VucaError):
 
 
 class BadWeights(VucaError):
-    """A weights file that is missing or broken, or does not belong to what it is asked for."""
+    """A weights file that is missing or broken, or does not fit its use."""

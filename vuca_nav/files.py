@@ -6,11 +6,11 @@ from vuca_nav.errors import BadArgument
 
 
 def write_whole(path: Path, data: str | bytes) -> None:
-    """Write a file aside, then move it: whoever is killed, or reads meanwhile, has the old one or the new one.
+    """Write a file aside, then move it: after a kill, and for readers meanwhile, the old or the new file is whole.
 
     Args:
-        path: In a directory that exists; written over.
-        data: All of it; text as UTF-8.
+        path: File in a directory that exists; written over.
+        data: The whole content; text as UTF-8.
     """
     temporary = path.with_name(f".{path.name}.tmp")
     temporary.write_bytes(data.encode() if isinstance(data, str) else data)
@@ -21,7 +21,7 @@ def prepare_directory(path: Path) -> None:
     """Make the directory of results, before an hour is spent on them.
 
     Args:
-        path: What ``--out`` names.
+        path: Directory that ``--out`` names.
 
     Raises:
         BadArgument: If it is no directory, or no file can be written there.
@@ -41,7 +41,7 @@ def prepare_file(path: Path) -> None:
     """Make the directory of a file of results, and see that the file can be written, before an hour is spent on it.
 
     Args:
-        path: What ``--out`` names; a file that is there is left as it is.
+        path: File that ``--out`` names; an existing one is left as it is.
 
     Raises:
         BadArgument: If it is a directory, or cannot be written.

@@ -8,8 +8,8 @@ from vuca_nav.errors import BadArgument
 from vuca_nav.types import FloatArray
 
 MOST_ELONGATED_DISC = 1.4
-"""Length over width up to which one circumscribed disc stands for the whole outline: it is 0.2 m too wide at most for
-bodies of half a metre."""
+"""Length over width up to which one circumscribed disc stands for the whole outline: at most 0.2 m too wide for bodies
+of half a metre."""
 
 
 def cover_by_discs(footprint: FloatArray) -> FloatArray:
@@ -44,7 +44,7 @@ def outline_ranges(footprint: FloatArray, num_beams: int) -> FloatArray:
 
     Args:
         footprint: Counter-clockwise, (k, 2) [m].
-        num_beams: Of the lidar.
+        num_beams: Number of the lidar's beams.
 
     Raises:
         BadArgument: If the origin is not inside.

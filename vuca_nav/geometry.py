@@ -8,7 +8,7 @@ from vuca_nav.types import FloatArray, Pose2
 
 
 def wrap_angle(angle: float) -> float:
-    """The same angle in [-pi, pi) [rad]."""
+    """Wrap an angle to [-pi, pi) [rad]."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
@@ -23,7 +23,7 @@ def compose(a_from_b: Pose2, b_from_c: Pose2) -> Pose2:
 
 
 def inverse(a_from_b: Pose2) -> Pose2:
-    """``b_from_a``."""
+    """The inverse transform, ``b_from_a``."""
     c, s = math.cos(a_from_b.yaw), math.sin(a_from_b.yaw)
     return Pose2(-c * a_from_b.x - s * a_from_b.y, s * a_from_b.x - c * a_from_b.y, wrap_angle(-a_from_b.yaw))
 
@@ -45,7 +45,7 @@ def distance(a: Pose2 | tuple[float, float], b: Pose2 | tuple[float, float]) -> 
 
 
 def levelling(up: tuple[float, float, float]) -> FloatArray:
-    """How what is seen by a leaning body lies on the floor: (2, 2) from x, y in base_link to ahead and left.
+    """Projection of a leaning body's scan plane onto the floor: (2, 2) from x, y in base_link to ahead and left.
 
     Ahead is where base_link's x axis points, seen from above (the yaw of ``Pose2``).
 

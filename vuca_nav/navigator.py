@@ -1,6 +1,6 @@
-"""The stack: ``Navigator.step(scan, odometry) -> VelocityCommand``, each stage at its rate (Zhang et al., III-A).
+"""The stack: ``Navigator.step(scan, odometry) -> VelocityCommand``, each stage at its rate.
 
-A tick reads as the paper's figure: perceive, localise and map, explore, plan, act.
+A tick reads as the figure of Zhang et al., Section III-A: perceive, localise and map, explore, plan, act.
 """
 
 import math
@@ -31,17 +31,17 @@ class NavigatorConfig:
     planning_rate: float = 1.0
     """[Hz]"""
     exploration_rate: float = 0.2
-    """[Hz]; its triggers act between."""
+    """Rate of choices [Hz]; triggers cause others in between."""
     trigger_rate: float = 5.0
-    """At which the triggers are looked at [Hz]."""
+    """Rate at which the triggers are looked at [Hz]."""
     goal_tolerance: float = 0.05
-    """Distance by its own estimate at which the robot stops [m]: what is left of the mission's tolerance is SLAM's."""
+    """Estimated distance at which the robot stops [m]: the rest of the mission's tolerance is left for SLAM's error."""
     goal_slack: float = 0.12
-    """Distance from which on it approaches again, should the estimate have changed [m]."""
+    """Distance beyond which the robot approaches again, should the estimate have changed [m]."""
     waypoint_reached: float = 0.5
-    """Nearer than this the next waypoint is planned without waiting [m]."""
+    """Distance below which the next waypoint is planned at once [m]."""
     stuck_time: float = 12.0
-    """Without ``stuck_distance`` of way in this time a target is given up [s]."""
+    """Time after which a target is given up if the robot has not moved ``stuck_distance`` [s]."""
     stuck_distance: float = 0.5
     """[m]"""
     perception: PerceptionConfig = field(default_factory=PerceptionConfig)
@@ -73,15 +73,15 @@ class Navigator:
         telemetry: Telemetry = Telemetry(),
         critic: Critic = NoCritic(),
     ):
-        """Build.
+        """Build the stages.
 
         Args:
-            body: What is driven.
-            lidar: What it sees with; its rate must be the loop's.
+            body: The body that is driven.
+            lidar: The body's lidar; its rate must be the loop's.
             policy: The lower layer.
             config: Rates and settings.
-            telemetry: Who listens.
-            critic: What rates frontiers for safety.
+            telemetry: Receives what the stages report.
+            critic: Rates frontiers for safety.
 
         Raises:
             BadArgument: If rates do not divide.
@@ -106,7 +106,7 @@ class Navigator:
 
         Args:
             start: ``map_from_base`` now; it defines the map's frame.
-            goal: In the map [m].
+            goal: Goal in the map [m].
             prior_map: A map known beforehand, if there is one.
         """
         self.perception.reset()
@@ -117,9 +117,9 @@ class Navigator:
         self.goal = goal
         self.arrived = False
         self.map_from_base = start
-        """Where the robot believes it is."""
+        """Estimated pose of the robot."""
         self.percept: Percept | None = None
-        """The last tick's."""
+        """Percept of the last tick."""
         self.plan = no_plan(start)
         self._tick = 0
         self._moved_from = start
@@ -129,8 +129,8 @@ class Navigator:
         """One tick.
 
         Args:
-            scan: The lidar's latest.
-            odometry: The body's, at the same time.
+            scan: The lidar's latest scan.
+            odometry: The body's odometry at the same time.
 
         Returns:
             The command to hold until the next tick.
@@ -154,7 +154,7 @@ class Navigator:
         return command
 
     def _follow(self, map_correction: Pose2) -> None:
-        """Let all that is remembered in the map move along with it."""
+        """Move everything that is remembered in the map along with it."""
         if map_correction != STANDING:
             self.plan = self.plan.moved(map_correction)
             self.explorer.follow(map_correction)
@@ -162,7 +162,7 @@ class Navigator:
             self.telemetry.map_correction(map_correction)
 
     def _cause_to_explore(self, percept: Percept, estimate: SlamEstimate) -> str | None:
-        """Why the explorer should choose anew, None if it should not."""
+        """Cause for the explorer to choose anew, None if there is none."""
         cause = "it is time" if self._tick % self._exploration_ticks == 0 else None
         if self._tick % self._trigger_ticks == 0:
             pose = estimate.map_from_base
@@ -173,7 +173,7 @@ class Navigator:
         return cause
 
     def _is_planning_due(self, map_from_base: Pose2) -> bool:
-        """At its rate, and before it when the waypoint is reached."""
+        """Whether a plan is due: at the planning rate, and as soon as the waypoint is reached."""
         if self._tick % self._planning_ticks == 0:
             return True
         plan = self.plan
@@ -185,7 +185,7 @@ class Navigator:
         )
 
     def _survey(self, percept: Percept, estimate: SlamEstimate) -> Survey:
-        """What the map means to this body now."""
+        """Survey of the map for this body at its present pose."""
         moving_in_map = percept.moving.copy()
         moving_in_map[:, :2] = transform_points(estimate.map_from_base, percept.moving[:, :2])
         return Survey(

@@ -1,4 +1,4 @@
-"""Which code made a result, and on which machine."""
+"""The code that made a result, and its machine."""
 
 import hashlib
 import os
@@ -10,9 +10,8 @@ from pathlib import Path
 def commit() -> str | None:
     """Commit of the checkout that this code runs from; None if it runs from none, or without git.
 
-    If it was changed since: ``-dirty-`` and a hash of the changes, so that two changed trees are told apart; files that
-    git does not know of are not looked at. An installed package may lie in somebody else's checkout, in a virtual
-    environment there for example.
+    A changed tree adds ``-dirty-`` and a hash of the changes, so that two changed trees differ; untracked files are
+    ignored. An installed package may lie in the checkout of another project, in a virtual environment for example.
     """
     root = Path(__file__).resolve().parents[1]
     top = _git(root, "rev-parse", "--show-toplevel")
@@ -36,7 +35,7 @@ def machine() -> dict[str, str | int]:
 
 
 def _cpu_model() -> str:
-    """Linux tells the model in /proc only; elsewhere what Python knows."""
+    """CPU model, from /proc on Linux and from Python elsewhere."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:

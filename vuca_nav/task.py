@@ -1,7 +1,6 @@
 """The facts of the navigation task, each stated once; worlds, evaluation and training take them from here.
 
-When a goal counts as reached, what counts as near, how long a mission may take, and what training pays for: Table I of
-Zhang et al., the paper.
+They are the goal's tolerance, the near range, the time limit, and the rewards of training: Table I of Zhang et al.
 """
 
 from typing import NamedTuple
@@ -26,7 +25,7 @@ TIME_LIMIT_SLACK = 60.0
 
 
 def risk_score(nearest: float | NDArray[np.floating], weight: float = 1.0) -> NDArray[np.floating]:
-    """Risk of being so near to something: S_risk of ARSPS, and with its weight R_o of Table I.
+    """Risk score of a least distance: S_risk of ARSPS, and with its weight R_o of Table I.
 
     It is 0 from 0.6 m on, 1 at 0.3 m, and 5 at 0.1 m and nearer.
 

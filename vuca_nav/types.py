@@ -1,4 +1,4 @@
-"""What flows between the stages: poses, scans, odometry, commands, and what a stack must know of its body.
+"""Values that flow between the stages: poses, scans, odometry, commands, and the description of the body.
 
 SI units and radians throughout; frames after REP-103/105: ``map`` is fixed, ``odom`` drifts, ``base`` is the
 robot's base_link with x forward and y to the left.
@@ -21,7 +21,7 @@ class Pose2(NamedTuple):
     y: float
     """[m]"""
     yaw: float
-    """[rad], counter-clockwise"""
+    """Counter-clockwise [rad]."""
 
 
 STANDING = Pose2(0.0, 0.0, 0.0)
@@ -40,7 +40,7 @@ class Twist2(NamedTuple):
 
 
 class VelocityCommand(NamedTuple):
-    """What the stack asks of a body, in base_link. A differential base ignores ``v_y``."""
+    """Velocity that the stack asks of a body, in base_link. A differential base ignores ``v_y``."""
 
     v_x: float
     """Forward [m/s]."""
@@ -65,7 +65,7 @@ class LidarSpec:
     rate: float = 30.0
     """[Hz]"""
     height: float = 0.1
-    """Of the scan plane above the floor when the body stands level [m]."""
+    """Height of the scan plane above the floor when the body stands level [m]."""
 
     def angles_in_base(self) -> FloatArray:
         """Beam directions in base_link [rad], shape (num_beams,)."""
@@ -84,12 +84,12 @@ class Scan:
 
 @dataclass(frozen=True, slots=True)
 class Odometry:
-    """What the body itself believes of its motion. It drifts."""
+    """The body's own estimate of its motion. It drifts."""
 
     stamp: float
     """[s]"""
     odom_from_base: Pose2
-    """Integrated since the start, where it was the identity."""
+    """Motion integrated since the start, where it was the identity."""
     twist: Twist2
     """Measured velocity in base_link."""
     up: tuple[float, float, float] = (0.0, 0.0, 1.0)
@@ -98,7 +98,7 @@ class Odometry:
 
 @dataclass(frozen=True, slots=True)
 class BodySpec:
-    """What the navigation stack knows of the body it drives."""
+    """Description of the body that the navigation stack drives."""
 
     name: str
     footprint: FloatArray
@@ -118,9 +118,9 @@ class BodySpec:
     max_a_w: float
     """[rad/s^2]"""
     delay: float = 0.0
-    """From a command of linear velocity to the body's answer, beyond what the limits of acceleration make of it [s]."""
+    """Delay of the body's answer to a linear velocity command, beyond what the acceleration limits cause [s]."""
 
     @property
     def radius(self) -> float:
-        """Of the footprint's circumscribed circle about base_link [m]."""
+        """Radius of the footprint's circumscribed circle about base_link [m]."""
         return float(np.hypot(self.footprint[:, 0], self.footprint[:, 1]).max())

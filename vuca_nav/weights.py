@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from vuca_nav.errors import BadWeights
 
 DTYPES = ("F16", "F32", "F64")
-"""Of the tensors, as safetensors calls them; they are used as F32."""
+"""Types that tensors may have, as safetensors names them; they are used as F32."""
 
 
 def read_weights(path: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]:

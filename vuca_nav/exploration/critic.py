@@ -1,4 +1,4 @@
-"""V^h (Zhang et al., Section III-C): a critic's estimate of the chance to get to a place without meeting a mover."""
+"""V^h (Zhang et al., Section III-C): the chance of reaching a place without meeting a mover."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,14 +24,14 @@ MOST_LOGIT = 50.0
 
 @dataclass(frozen=True, slots=True)
 class CriticWeights:
-    """What a critic's file holds, checked: a network with ReLU that gives the logit of the chance."""
+    """Checked content of a critic's file: a network with ReLU that gives the logit of the chance."""
 
     path: Path
     observation: ObservationConfig
     metadata: dict[str, str]
-    """As it is in the file: training command, seed, ..."""
+    """Metadata of the file: training command, seed, ..."""
     weights: tuple[Single, ...]
-    """(outputs, inputs), three times."""
+    """Three matrices (outputs, inputs)."""
     biases: tuple[Single, ...]
 
 
@@ -55,16 +55,16 @@ def load_critic(path: Path) -> CriticWeights:
 
 
 class LearnedCritic(Critic):
-    """What the robot perceives now, were the point its goal: all points in one batch (Section III-C).
+    """Rates points by a trained critic that sees the percept with each point as its goal, in one batch (Section III-C).
 
     The paper takes the value that the policy was trained with. That pays for every metre towards the goal, so that it
-    mostly measures distance, which D^h is there for; this critic was trained for nothing but whether a moving obstacle
+    mostly measures distance, which D^h is there for; this critic was trained only for whether a moving obstacle
     is met (``train.critic``).
 
     Args:
-        body: What is driven.
-        lidar: What it sees with.
-        weights: Of ``load_critic``.
+        body: The robot's body.
+        lidar: The body's lidar.
+        weights: Result of ``load_critic``.
 
     Raises:
         BadArgument: If the critic's observation does not go with the lidar.

@@ -16,8 +16,8 @@ from vuca_nav.telemetry.interface import FrontierView, Telemetry
 from vuca_nav.types import Pose2
 
 _RESORTS = ((False, False), (True, False), (False, True), (True, True))
-"""What is tried until there is something to head for: whether to doubt what has not been seen lately, for a mover may
-have stood in the way and have left unseen; whether to try again what was given up."""
+"""Settings that are tried in turn until there is a target: whether to doubt obstacles that have not been seen lately,
+since a mover may have left unseen; whether to forgive blacklisted targets."""
 _STILL_THERE = 0.2
 """A frontier is still there if a boundary cell is so near to where it was [m]."""
 
@@ -27,37 +27,37 @@ class ExplorerConfig:
     """Settings of the choice and of its triggers."""
 
     gamma: float = 0.0
-    """How much longer a way may be if that surely spares meeting a moving obstacle [m]; it needs a critic."""
+    """Extra way that is worth it if it surely spares meeting a mover [m]; it needs a critic."""
     look_ahead: float = 4.0
-    """The critic is asked about the ways to the candidates so far ahead [m]: where they lead first can be seen."""
+    """Length along the path to a candidate at which the critic rates it [m]: the near part of the way can be seen."""
     min_frontier: float = 0.4
-    """Shorter frontiers are noise [m]. Without the cells that are too near to walls: an opening of 1 m has 0.4 m."""
+    """Shorter frontiers are noise [m]. Cells too near to walls do not count: an opening of 1 m has 0.4 m."""
     max_frontier: float = 3.0
-    """Longer ones are cut into pieces [m]."""
+    """Longer frontiers are cut into pieces [m]."""
     hysteresis: float = 3.0
     """A new choice must cost less by this than the present one [m]."""
     same_within: float = 2.0
     """A candidate this near to the present choice is the present choice, moved on [m]."""
     reached_within: float = 0.4
-    """[m]"""
+    """Distance within which a target counts as reached [m]."""
     entropy_change: float = 4000.0
-    """Of the map since the last choice that calls for a new one [nat]; about 30 m^2 of floor newly seen."""
+    """Change of the map's entropy since the last choice that calls for a new one [nat]: about 30 m^2 of new floor."""
     min_interval: float = 0.5
-    """Between two choices, whatever the triggers say [s]."""
+    """Least time between two choices, whatever the triggers say [s]."""
     blacklist_time: float = 30.0
-    """A target that could not be approached is left out this long [s] ..."""
+    """Time for which a target that could not be approached is left out [s]."""
     blacklist_radius: float = 1.0
-    """... and all within this of it [m]."""
+    """Candidates this near to a blacklisted target are left out with it [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What the robot heads for: P_exploration, or the goal."""
+    """The point that the robot heads for: P_exploration, or the goal."""
 
     point: tuple[float, float]
     """The goal or the boundary cell, in the map [m]."""
     approach: tuple[float, float]
-    """Where to drive to for it, in the map [m]."""
+    """Place to drive to for it, in the map [m]."""
     is_goal: bool
 
 
@@ -66,13 +66,13 @@ class Exploration:
     """A decision of the explorer."""
 
     target: Target | None
-    """None if nothing can be reached."""
+    """The chosen target; None if none can be reached."""
     paths: PathField
-    """From the robot now, over the map as the decision took it."""
+    """Paths from the robot over the map that the decision was based on."""
 
     @property
     def approach(self) -> tuple[float, float] | None:
-        """Where to drive to, in the map [m]."""
+        """Place to drive to, in the map [m]; None without a target."""
         return None if self.target is None else self.target.approach
 
 
@@ -100,10 +100,10 @@ class Explorer:
         self._goal_was_known = False
 
     def trigger(self, now: float, grid: OccupancyGrid, robot: tuple[float, float]) -> str | None:
-        """Why a new choice is due at once, if it is: the four conditions of Section III-C.
+        """Cause for a new choice at once, None if there is none: the four conditions of Section III-C.
 
         Args:
-            now: [s]
+            now: Time [s].
             grid: The navigation grid as it is now.
             robot: Position in the map [m].
         """
@@ -116,7 +116,7 @@ class Explorer:
         if not self._goal_was_known and grid.state(*self.goal) != 0:
             return "the goal's state became known"
         if math.dist(robot, self.target.approach) < self.config.reached_within:
-            self.give_up(now)  # from here one sees all there is to see of it
+            self.give_up(now)  # all of it can be seen from here
             return "the exploration point was reached"
         if not _is_frontier(grid, self.target.point):
             return "the exploration point's state changed"
@@ -131,7 +131,7 @@ class Explorer:
         self.target = None
 
     def follow(self, map_correction: Pose2) -> None:
-        """Move what is remembered along with the map."""
+        """Move the target and the blacklist along with the map."""
 
         def moved(point: tuple[float, float]) -> tuple[float, float]:
             (x, y) = transform_points(map_correction, np.array([point]))[0].tolist()
@@ -145,9 +145,9 @@ class Explorer:
         """Choose anew if there is cause, or no way leads to the target any more.
 
         Args:
-            cause: Why to choose; None to stay with the target as long as it can be reached.
-            percept: This tick's.
-            survey: Of the map as it is now.
+            cause: Cause of a new choice; None to stay with the target as long as it can be reached.
+            percept: The percept of this tick.
+            survey: Survey of the map as it is now.
         """
         paths, last = survey.paths(), self.target
         if last is not None and not paths.reaches(*last.approach):
@@ -166,7 +166,7 @@ class Explorer:
         return Exploration(target, paths)
 
     def _choose(self, percept: Percept, survey: Survey, paths: PathField, *, forgiving: bool) -> Target | None:
-        """Choose anew; None if nothing can be reached but what is blacklisted, and that is not forgiven."""
+        """Choose anew; None if only blacklisted targets can be reached and they are not forgiven."""
         config, grid, costmap, now = self.config, survey.grid, paths.costmap, percept.stamp
         self._chosen_at, self._entropy = now, grid.entropy
         self._goal_was_known = grid.state(*self.goal) != 0
@@ -176,7 +176,7 @@ class Explorer:
             return self.target
         found = find_frontiers(costmap, paths, config.min_frontier, config.max_frontier, costmap.radius)
         if not len(found.points_in_map):
-            # What is left are chinks; better to look into one than to stand.
+            # Only chinks are left; better to look into one than to stand.
             found = find_frontiers(costmap, paths, costmap.resolution, config.max_frontier, 0.0)
         points, approach, lengths = found
         if len(points):

@@ -22,8 +22,9 @@ class Frontiers(NamedTuple):
 
 
 APPROACH = 0.6
-"""A frontier counts as reachable from so far [m]: beside a wall seen at a grazing angle the boundary itself is too near
-to the wall to drive to, now and then, and a choice that comes and goes makes the robot turn to and fro."""
+"""Distance from which a frontier counts as reachable [m]: beside a wall seen at a grazing angle the boundary
+itself is at times too near to the wall to drive to, and a choice that comes and goes makes the robot turn back and
+forth."""
 
 
 def find_frontiers(
@@ -31,7 +32,7 @@ def find_frontiers(
 ) -> Frontiers:
     """Find the candidate exploration points.
 
-    Boundary cells too near to something occupied do not count: the body would not fit through, and a wall seen at a
+    Boundary cells too near to an occupied cell do not count: the body would not fit through, and a wall seen at a
     grazing angle is a dotted line with just such gaps. Connected ones form a frontier; one longer than ``max_length``
     gives a candidate for each piece of that length, so that a wide opening is not judged by its middle alone.
 
@@ -63,7 +64,7 @@ def find_frontiers(
 
 @njit(cache=True)
 def _boundary(state, clearance, least):
-    """Mask of the free cells beside (4 neighbours) an unknown one that are not too near to something occupied."""
+    """Mask of the free cells beside (4 neighbours) an unknown one that are not too near to an occupied one."""
     rows, columns = state.shape
     boundary = np.zeros((rows, columns), np.bool_)
     for i in range(rows):

@@ -1,4 +1,4 @@
-"""V^h all around the robot, as the paper draws it: what the critic makes of every place as a goal."""
+"""V^h of every place around the robot as a goal, as drawn in Zhang et al."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -29,9 +29,9 @@ def safety_around(
 
     Args:
         rate: Gives V^h (n,) of points (n, 2) in the map [m].
-        centre: Of the square [m].
-        half_side: [m]
-        resolution: [m]
+        centre: Centre of the square [m].
+        half_side: Half the side of the square [m].
+        resolution: Side of a cell [m].
     """
     cells = max(1, round(2.0 * half_side / resolution))
     offsets = np.asarray((np.arange(cells) + 0.5 - 0.5 * cells) * resolution, np.float64)

@@ -1,4 +1,4 @@
-"""The heuristic function (Zhang et al., Section III-C): the way to the goal, and how safe it is."""
+"""The heuristic function (Zhang et al., Section III-C): length of the way to the goal, and its safety."""
 
 from abc import ABC, abstractmethod
 from typing import NamedTuple
@@ -18,8 +18,8 @@ class Critic(ABC):
 
         Args:
             points_in_map: (n, 2) [m].
-            percept: This tick's.
-            map_from_base: Where the robot is.
+            percept: The percept of this tick.
+            map_from_base: The robot's pose.
 
         Returns:
             (n,) in [0, 1]; higher is safer.
@@ -30,7 +30,7 @@ class NoCritic(Critic):
     """Rates every point as equally safe, which leaves the goal term alone to decide."""
 
     def values(self, points_in_map: FloatArray, percept: Percept, map_from_base: Pose2) -> FloatArray:
-        """Ones, (n,)."""
+        """Return ones, (n,)."""
         return np.ones(len(points_in_map))
 
 
@@ -51,7 +51,7 @@ def score_candidates(goal_cost: FloatArray, safety: FloatArray, gamma: float) ->
     Args:
         goal_cost: D^h (n,), n >= 1: Euclidean distance to the goal plus path length from the robot [m].
         safety: V^h (n,), chances.
-        gamma: How much longer a way may be if that surely spares meeting a moving obstacle [m].
+        gamma: Extra way that is worth it if it surely spares meeting a mover [m].
     """
     goal_term = goal_cost - goal_cost.min()
     safety_term = gamma * (safety.max() - safety)

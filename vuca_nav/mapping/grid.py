@@ -1,4 +1,4 @@
-"""The occupancy grid: quantised log-odds, one update per cell and scan, free rays erase what moved away."""
+"""The occupancy grid: quantised log-odds, one update per cell and scan, free rays erase obstacles that moved away."""
 
 import math
 from dataclasses import dataclass
@@ -13,17 +13,17 @@ from vuca_nav.types import FloatArray, Pose2
 
 OCCUPIED_ABOVE = 0.52
 FREE_BELOW = 0.48
-"""A cell between the two is unknown (Zhang et al., Section III-C)."""
+"""Probabilities between which a cell is unknown (Zhang et al., Section III-C)."""
 _TILE = 3
-"""A tile is a square of 2^3 cells each way. Most tiles on a beam's way are as free as can be, and it skips them."""
+"""A tile is a square of 2^3 cells each way. Most tiles on a beam's way are wholly free, and the beam skips them."""
 
 
 @dataclass(frozen=True, slots=True)
 class GridConfig:
-    """Settings of an occupancy grid. Levels are log-odds in units of ``unit``; 0 is "not known"."""
+    """Settings of an occupancy grid. Levels are log-odds in units of ``unit``; 0 is unknown."""
 
     resolution: float = 0.05
-    """[m]; Cartographer 2D's default."""
+    """Side of a cell [m]; Cartographer 2D's default."""
     unit: float = 0.1
     """Log-odds of one level. One level off zero is already outside [0.48, 0.52]."""
     hit: int = 9
@@ -48,7 +48,7 @@ class GridConfig:
 
 
 class GridCells(NamedTuple):
-    """What the kernels read and write of an occupancy grid. It holds until the grid grows."""
+    """Arrays of an occupancy grid for the kernels, valid until the grid grows."""
 
     level: np.ndarray
     """(rows, columns) int8, see ``OccupancyGrid``."""
@@ -57,17 +57,17 @@ class GridCells(NamedTuple):
     unsettled: np.ndarray
     """(tile rows, tile columns) int32, cells of each tile that a passing beam could still lower."""
     entropy_of_level: np.ndarray
-    """(256,) by level + 128 [nat]."""
+    """(256,) entropy of a cell, indexed by level + 128 [nat]."""
     entropy_change: np.ndarray
     """(1,) entropy of all cells less that of an unseen map [nat]."""
     origin_x: float
-    """Of the lower-left corner in the map [m]."""
+    """x of the lower-left corner in the map [m]."""
     origin_y: float
-    """As above [m]."""
+    """y of the lower-left corner in the map [m]."""
     resolution: float
     """[m]"""
     hit: int
-    """See ``GridConfig``, as the next two."""
+    """Levels a return adds; see ``GridConfig`` for this and the next two."""
     miss: int
     limit: int
 
@@ -96,7 +96,7 @@ class OccupancyGrid:
         )
         levels = np.arange(-128, 128) * config.unit
         self.probability_of_level = 1.0 / (1.0 + np.exp(-levels))
-        """(256,) indexed by level + 128."""
+        """(256,) probability of each level, indexed by level + 128."""
         p = self.probability_of_level
         self._entropy_of_level = -p * np.log(p) - (1.0 - p) * np.log(1.0 - p)
         self._entropy_change = np.zeros(1)
@@ -211,7 +211,7 @@ class OccupancyGrid:
         """Take over a map known beforehand; it must have this grid's resolution.
 
         Args:
-            level: (rows, columns) -1 free, 0 unknown, 1 occupied; becomes as sure as a level can be.
+            level: (rows, columns) -1 free, 0 unknown, 1 occupied; free and occupied become the extreme levels.
             origin: Lower-left corner in the map [m].
         """
         step = self.resolution

@@ -20,13 +20,13 @@ from vuca_nav.types import FloatArray, Pose2
 LINE_RATIO = 0.1
 """Variance across over variance along up to which neighbouring returns are a line; 0.25 doubled the yaw's drift."""
 REACH = 2
-"""A line goes through the cells at most so many rows and columns away from the return's."""
+"""Rows and columns each way of the return's cell from which a line is made."""
 WIDTH = 2 * REACH + 1
 WINDOW_CELLS = WIDTH * WIDTH
 MAX_WEIGHT = 10.0
 """A cell's mean weighs as many returns as it holds, but no more than this in the line of its neighbourhood."""
 MIN_WEIGHT = 6.0
-"""Neighbourhoods of fewer returns show no line."""
+"""Least number of returns in a neighbourhood that shows a line."""
 TRANSLATION_PENALTY, ROTATION_PENALTY = 4.0, 20.0
 """A candidate of the search loses this share of its score per squared metre and per squared radian from the prediction:
 1% at 0.05 m and 0.6% at 1 degree, so that among equals the nearest wins."""
@@ -51,8 +51,8 @@ class ScanMatcherConfig:
     recovery_factor: float = 4.0
     """Both windows grow by this when the score says that the match was lost."""
     recovery_score: float = 0.5
-    """Share of matched returns under which it may be lost. In corridors a good match has 0.6 to 0.9 and one that is 3
-    degrees off 0.4; in a crowd good ones have 0.4, too, so that what the wider search finds must be better."""
+    """Share of matched returns below which the match may be lost. In corridors a good match has 0.6 to 0.9 and one 3
+    degrees off 0.4; in a crowd good ones have 0.4, too, so that the wider search must find a better one."""
     residual_scale: float = 0.03
     """Distance to the line at which a return's weight has fallen to a half (Cauchy) [m]: 1.5 sigma of range noise."""
     gate: float = 0.12
@@ -60,15 +60,15 @@ class ScanMatcherConfig:
     translation_weight: float = 10.0
     """Pull to the prediction, in returns: along a bare corridor odometry decides, elsewhere 360 returns do."""
     rotation_weight: float = 100.0
-    """As above, in returns at 1 m."""
+    """Pull to the predicted yaw, in returns at 1 m."""
     associations: int = 3
-    """Times that returns are assigned to lines."""
+    """Number of times that returns are assigned to lines."""
     iterations: int = 2
     """Gauss-Newton steps for each assignment."""
 
 
 class Match(NamedTuple):
-    """The pose at which a scan fits, and how well it does."""
+    """The pose at which a scan fits, and the quality of the fit."""
 
     map_from_base: Pose2
     score: float
@@ -106,7 +106,7 @@ class RefinementSettings(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """What the kernels write to, allocated once."""
+    """Scratch arrays of the kernels, allocated once."""
 
     candidate_cells: np.ndarray
     """(2, 2 n + 1, num_beams) int32, n of the widest window: the first element of the row of ``level`` that a return
@@ -120,7 +120,7 @@ class Workspace(NamedTuple):
     """(8, num_beams) the return's column and row; then of these means, from the return, in cells: sums of the weights,
     of x, y, x^2, x y and y^2; then whether they are a line, means of x and y, var x - var y, and cov x y."""
     lines: np.ndarray
-    """(num_beams, 6) of the returns that have a line: the return in base_link [m], a point of the line in the map [m],
+    """(num_beams, 6) for each return that has a line: the return in base_link [m], a point of the line in the map [m],
     its normal."""
 
 
@@ -152,7 +152,7 @@ class ScanMatcher:
         """Find the pose at which the returns lie on the map's surfaces.
 
         Args:
-            grid: What to match against.
+            grid: The map to match against.
             predicted: ``map_from_base`` by odometry.
             points_in_base: (n, 2) returns, n at most ``num_beams`` [m].
         """
@@ -199,9 +199,9 @@ def _fit(surface, points, predicted, window, settings, workspace):
 
 @njit(cache=True)
 def _search(surface, points, predicted, window, workspace):
-    """Best of the window by the mean level of the occupied cells that returns fall in; x, y and yaw.
+    """Find the candidate with the greatest mean level of the occupied cells that returns fall in; x, y and yaw.
 
-    A little in favour of the prediction. Returns are turned once for each yaw, and moved once for each x and each y.
+    The prediction is slightly preferred. Returns are turned once for each yaw, and moved once for each x and each y.
     """
     level = surface.level.ravel()
     x0, y0, yaw0 = predicted
@@ -233,7 +233,7 @@ def _search(surface, points, predicted, window, workspace):
 
 @njit(cache=True)
 def _candidate_cells(surface, points, pose, window, row_starts, columns):
-    """Find the cells of the returns at one yaw, for each x and y of the window; whether all are in the grid."""
+    """Find the cells of the returns at one yaw, for each x and y of the window; returns whether all are in the grid."""
     height, width = np.int32(surface.level.shape[0]), np.int32(surface.level.shape[1])
     origin_x, origin_y, per_metre = surface.origin_x, surface.origin_y, 1.0 / surface.resolution
     x0, y0, yaw = pose
@@ -257,8 +257,8 @@ def _candidate_cells(surface, points, pose, window, row_starts, columns):
 def _gather(surface, num_points, again, workspace):
     """Collect the mean returns about the cells of all returns that have left the one they were in.
 
-    First which cells are occupied, without a branch that could not be foreseen: the next place is written over what was
-    not. An occupied cell has a mean.
+    The occupied cells are found first, without an unpredictable branch: an entry that is not occupied is overwritten by
+    the next one. An occupied cell has a mean.
     """
     level, mean, count = surface.level.ravel(), surface.mean.ravel(), surface.count.ravel()
     means, cells = workspace.means, workspace.cells
@@ -287,17 +287,17 @@ def _gather(surface, num_points, again, workspace):
 
 @njit(cache=True, error_model="numpy")
 def _assign(surface, points, pose, settings, again, workspace):
-    """Find the line through the surface about each return; how many have one.
+    """Find the line through the surface about each return; returns how many have one.
 
-    Most returns are in the cell where they were when lines were last assigned: what lies about it is kept. Cells, sums
-    and lines are found one after the other for all returns, so that none waits for another's branches.
+    Most returns are in the cell where they were when lines were last assigned: their neighbourhoods are kept. Cells,
+    sums and lines are found one after the other for all returns, so that none waits for another's branches.
 
     Args:
         surface: The map.
         points: (n, 2) returns in base_link [m].
         pose: x, y, yaw in the map [m, rad].
-        settings: Those of the refinement.
-        again: The workspace knows these returns' cells from the last time.
+        settings: Settings of the refinement.
+        again: Whether the workspace holds these returns' cells from the last time.
         workspace: Its ``lines`` are written to.
     """
     origin_x, origin_y, resolution = surface.origin_x, surface.origin_y, surface.resolution

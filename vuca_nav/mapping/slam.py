@@ -1,8 +1,8 @@
 """Laser SLAM, the local part: predict by odometry, match, insert (Zhang et al., Section III-C, SLAM-based mapping).
 
-What SLAM corrects is one transform, ``map_from_odom``. The map is kept twice. The *matching* grid changes slowly and
-only as the robot moves, so that walls stay sharp; the *navigation* grid takes every scan and forgets within a fraction
-of a second what has moved away.
+SLAM corrects one transform, ``map_from_odom``. The map is kept twice. The *matching* grid changes slowly and
+only as the robot moves, so that walls stay sharp; the *navigation* grid takes every scan and within a fraction of a
+second forgets obstacles that have moved away.
 """
 
 import math
@@ -20,17 +20,17 @@ from vuca_nav.perception.percept import Percept
 from vuca_nav.types import STANDING, FloatArray, LidarSpec, Pose2
 
 _SIDE = 3
-"""A surface's direction at a return is judged by the returns so many beams to either side."""
+"""Beams to either side whose returns give a surface's direction at a return."""
 _LEAST_SINE = 0.04
-"""Of the angle between beam and surface: at 2.3 degrees a beam grazes at most 2.5 m of a wall."""
+"""Least sine of the angle between beam and surface: at 2.3 degrees a beam grazes at most 2.5 m of a wall."""
 
 
 @dataclass(frozen=True, slots=True)
 class SlamConfig:
-    """How the pose is found and what is written into the maps."""
+    """Settings of localisation and of the maps."""
 
     localisation: Literal["slam", "odometry"] = "slam"
-    """"odometry" trusts the body's own pose: dead reckoning, or the truth where the body is told it."""
+    """"odometry" trusts the body's own pose: dead reckoning, or the true pose where odometry is exact."""
     navigation_grid: GridConfig = field(default_factory=GridConfig)
     matching_grid: GridConfig = field(default_factory=lambda: GridConfig(unit=0.1, hit=6, miss=1, limit=25))
     matcher: ScanMatcherConfig = field(default_factory=ScanMatcherConfig)
@@ -41,7 +41,7 @@ class SlamConfig:
     insert_period: float = 1.0
     """... or this much time [s]."""
     first_scans: int = 10
-    """So many scans go into the matching grid unconditionally, to have something to match against."""
+    """Number of first scans that go into the matching grid unconditionally, as a map to match against."""
     neighbours: int = 2
     """A beam without a return frees only as far as the shortest of so many neighbours on each side, since a dropped
     beam looks the same and would open the wall it stood on."""
@@ -52,23 +52,23 @@ class SlamConfig:
 
 @dataclass(frozen=True, slots=True)
 class SlamEstimate:
-    """What SLAM knows after a scan."""
+    """SLAM's estimate after a scan."""
 
     map_from_base: Pose2
     map_from_odom: Pose2
     map_correction: Pose2
-    """How the map about the robot has moved in itself since the last scan, the transform from where a point of it was
-    to where it is now: what is remembered in the map has to follow. ``STANDING`` but after ``Slam.correct``."""
+    """Transform of the map about the robot since the last scan, from the old place of a point to the new one. What is
+    remembered in the map has to follow. ``STANDING`` but after ``Slam.correct``."""
     score: float
-    """Of the match, 0 to 1; 1 where none was made."""
+    """Score of the match, 0 to 1; 1 where none was made."""
     points_in_map: FloatArray
     """(n, 2) the scan's returns [m]; valid until the next scan."""
     navigation_grid: OccupancyGrid
-    """As it is after this scan; it goes on changing."""
+    """The navigation grid after this scan; later scans change it."""
 
 
 class _BeamRule(NamedTuple):
-    """How beams' ends are told."""
+    """Settings of the classification of beam ends."""
 
     min_range: float
     max_range: float
@@ -104,7 +104,7 @@ class Slam:
             self.matching_grid.fill(prior_map.level, prior_map.origin)
         self.start = start
         self.map_from_odom: Pose2 | None = None
-        """None before the first scan, which is taken at ``start``."""
+        """The correction; None before the first scan, which is taken at ``start``."""
         self._map_from_base = start
         self._correction = STANDING
         self._num_scans = 0
@@ -115,8 +115,8 @@ class Slam:
         """Move the map about the robot, as a loop closure does.
 
         Args:
-            map_correction: From where a point of the map was to where it is now. The robot moves along; the next
-                estimate tells it, once.
+            map_correction: Transform from where a point of the map was to where it is now. The robot moves along; the
+                next estimate holds the correction, once.
         """
         if self.map_from_odom is not None:
             self.map_from_odom = compose(map_correction, self.map_from_odom)
@@ -176,13 +176,13 @@ class Slam:
 
 @njit(cache=True)
 def _beam_ends(level, rule, ends, grazed):
-    """Ends of the beams in base_link: what stands, then moving tracks, then what beams that met nothing passed freely.
+    """Write the beams' ends in base_link: static returns, then returns of moving tracks, then ends of free beams.
 
     ``grazed`` becomes the last part of each beam that runs within ``thickness`` of the surface which the returns to
     its left and right show.
 
     Returns:
-        How many ends are of the first kind, of the first two, of all three.
+        The number of ends of the first kind, of the first two, and of all three.
     """
     ranges, beams = level.ranges, level.beams
     min_range, max_range = rule.min_range, rule.max_range
@@ -224,7 +224,7 @@ def _beam_ends(level, rule, ends, grazed):
 
 @njit(cache=True)
 def _to_map(map_from_base, points_in_base, points_in_map, box):
-    """Transform, and the bounding box of the result and the origin."""
+    """Transform points into the map, and find the bounding box of the result and the origin."""
     x, y, yaw = map_from_base
     c, s = math.cos(yaw), math.sin(yaw)
     box[0] = box[2] = x

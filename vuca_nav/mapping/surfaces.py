@@ -20,18 +20,18 @@ PRIOR_COUNT = 3
 
 
 class Surface(NamedTuple):
-    """What the scan matcher reads of a surface grid."""
+    """Arrays of a surface grid for the scan matcher."""
 
     level: np.ndarray
-    """(rows, columns) int8."""
+    """(rows, columns) int8 levels, see ``OccupancyGrid``."""
     mean: np.ndarray
-    """(rows, columns, 2) float32, see ``SurfaceGrid``."""
+    """(rows, columns, 2) float32 mean returns, see ``SurfaceGrid``."""
     count: np.ndarray
-    """(rows, columns) uint8, see ``SurfaceGrid``."""
+    """(rows, columns) uint8 numbers of returns, see ``SurfaceGrid``."""
     origin_x: float
-    """Of the lower-left corner in the map [m]."""
+    """x of the lower-left corner in the map [m]."""
     origin_y: float
-    """As above [m]."""
+    """y of the lower-left corner in the map [m]."""
     resolution: float
     """[m]"""
     limit: int
@@ -43,7 +43,7 @@ class SurfaceGrid(OccupancyGrid):
 
     Attributes:
         mean: (rows, columns, 2) x and y of the mean return, from the cell's lower-left corner, in cells.
-        count: (rows, columns) how many returns are in the mean.
+        count: (rows, columns) number of returns in the mean.
     """
 
     def __init__(self, config: GridConfig, centre: tuple[float, float] = (0.0, 0.0)):
@@ -70,14 +70,14 @@ class SurfaceGrid(OccupancyGrid):
     def insert(
         self, map_from_sensor: Pose2, points_in_map: FloatArray, num_hits: int, grazed: FloatArray, box: FloatArray
     ) -> None:
-        """As for the occupancy grid; the returns also move their cells' means."""
+        """Insert a scan as ``OccupancyGrid.insert`` does, and move the means of the returns' cells."""
         super().insert(map_from_sensor, points_in_map, num_hits, grazed, box)
         _average(self.surface, self.config.hit, points_in_map, num_hits)
 
     def fill(self, level: NDArray[np.int8], origin: tuple[float, float]) -> None:
-        """As for the occupancy grid, but only what has a free cell beside it is a surface.
+        """Take over a map known beforehand; only occupied cells beside a free one are surfaces.
 
-        It goes through the middle of its cell and weighs little, so that the first returns put it right.
+        A surface goes through the middle of its cell and weighs little, so that the first returns correct it.
         """
         outline = level.copy()
         free = np.pad(level < 0, 1)
@@ -104,7 +104,7 @@ def _average(surface, hit, points, num_hits):
         fy = (points[k, 1] - origin_y) * per_metre
         i, j = int(fy), int(fx)
         if level[i, j] <= hit:
-            count[i, j] = min(count[i, j], 1)  # what was here before had moved away
+            count[i, j] = min(count[i, j], 1)  # the former surface had moved away
         n = min(count[i, j] + 1, MAX_COUNT)
         count[i, j] = n
         mean[i, j, 0] += (fx - j - mean[i, j, 0]) / n

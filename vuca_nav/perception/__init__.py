@@ -1,1 +1,1 @@
-"""Perception: what one scan and the odometry say about the surroundings."""
+"""Perception: levelled scan, distance fields and tracks from one scan and the odometry."""

@@ -1,4 +1,4 @@
-"""Detections: objects of a person's size in one scan, as segments in front of what is behind them or pairs of legs."""
+"""Detections: objects of a person's size in one scan, as segments in front of a background or pairs of legs."""
 
 import math
 
@@ -9,27 +9,27 @@ MAX_WIDTH = 1.2
 _JUMP, _JUMP_SLOPE = 0.15, 0.06
 """Ranges of neighbouring beams on one surface differ by at most this, and this share of the range [m]."""
 _DEPTH = 0.7
-"""How far behind its visible surface an object's centre is, in half widths: 0.79 for a cylinder."""
+"""Distance of an object's centre behind its visible surface, in half widths: 0.79 for a cylinder."""
 LEG_RADIUS, _STEP = 0.13, 0.55
 """Two detections with radii up to the first, at most the second apart, are the legs of one person [m]."""
 WHOLE, ONE_BEAM, BEHIND = 0.0, 1.0, 2.0
-"""How an object is seen. By one beam, or behind another, it only confirms a known track, or is a leg."""
+"""Ways an object is seen. By one beam, or behind another, it only confirms a known track, or is a leg."""
 DETECTION_SIZE = 5
-"""Columns of a detection: x, y, radius, how it is seen; the last is scratch."""
+"""Columns of a detection: x, y, radius, way it is seen; the last is scratch."""
 _LEAST_RADIUS = 0.1
-"""A detection's radius is at least this: few beams meet what is slim [m]."""
+"""A detection's radius is at least this: few beams meet a slim object [m]."""
 _PAIRED = -2
 
 
 @njit(cache=True, nogil=True)
 def find_detections(ranges, beams, reach, found):
-    """Detect what may move in one scan.
+    """Detect objects in one scan that may move.
 
     Args:
         ranges: (beams,) [m]; ``inf`` or NaN where nothing came back.
         beams: (beams, 2) directions in base_link.
         reach: Returns from here on are left out [m].
-        found: (most, DETECTION_SIZE), written to: x, y of the centre in base_link, radius [m], how it is seen.
+        found: (most, DETECTION_SIZE), written to: x, y of the centre in base_link, radius [m], way it is seen.
 
     Returns:
         The number of detections.
@@ -73,7 +73,7 @@ def find_detections(ranges, beams, reach, found):
         width = math.hypot(
             r_first * beams[first, 0] - r_last * beams[last, 0], r_first * beams[first, 1] - r_last * beams[last, 1]
         )
-        # A piece of wall between two nearer objects would seem to move as the body does: only what is in front counts,
+        # A piece of wall between two nearer objects would seem to move as the body does: only segments in front count,
         # and a leg behind the other.
         behind = before < r_first or after < r_last
         if width > (2.0 * LEG_RADIUS if behind else MAX_WIDTH):
@@ -100,7 +100,7 @@ def _nearest_leg(found, count, k):
 
 @njit(cache=True, nogil=True)
 def _pair_legs(found, count):
-    """Join pairs of legs, which swing against each other: their midpoint goes on evenly. Returns how many are left."""
+    """Join pairs of legs, which swing against each other: their midpoint goes on evenly. Returns their number."""
     for k in range(count):
         found[k, 4] = _nearest_leg(found, count, k) if found[k, 2] <= LEG_RADIUS else -1.0
     left = 0

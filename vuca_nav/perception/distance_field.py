@@ -8,7 +8,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 _FAR = 32000
-"""Where no return is near, in fifths of a cell."""
+"""Distance where no return is near, in fifths of a cell."""
 _DIAGONAL = math.sqrt(2.0)
 
 
@@ -23,7 +23,7 @@ class DistanceField(NamedTuple):
     reach: float
     """Half side of the square [m]."""
     scratch: NDArray[np.int16]
-    """(n,) for passing."""
+    """(n,) scratch of the chamfer's passes."""
 
     @classmethod
     def empty(cls, reach: float, resolution: float) -> "DistanceField":
@@ -33,7 +33,7 @@ class DistanceField(NamedTuple):
 
     @property
     def uncertainty(self) -> float:
-        """How much nearer a return may be than where the field puts it, at most [m].
+        """Greatest distance by which a return may be nearer than the field says [m].
 
         A return counts for the middle of its cell, and a clearance is read between the middles of four cells.
         """
@@ -42,12 +42,12 @@ class DistanceField(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def fill_field(ranges, beams, field):
-    """Work a field out from a scan.
+    """Compute a field from a scan.
 
     Args:
         ranges: (num_beams,) [m]; ``inf`` or NaN where nothing came back.
         beams: (num_beams, 2) directions in base_link.
-        field: Written to.
+        field: The field, written to.
     """
     fifths, scratch = field.fifths, field.scratch
     n = fifths.shape[0]
@@ -85,15 +85,15 @@ def clearance_at(field, discs, x, y, cos_yaw, sin_yaw):
     """Least distance between a disc's edge and a return, the body at a pose in base_link [m].
 
     Args:
-        field: Of the scan.
-        discs: (k, 3) that cover the footprint: x, y, radius [m].
-        x: Of the pose [m].
-        y: Of the pose [m].
-        cos_yaw: Of the pose.
-        sin_yaw: Of the pose.
+        field: The scan's field.
+        discs: (k, 3) discs that cover the footprint: x, y, radius [m].
+        x: x of the pose [m].
+        y: y of the pose [m].
+        cos_yaw: Cosine of the pose's yaw.
+        sin_yaw: Sine of the pose's yaw.
 
     Returns:
-        1e9 outside of the field.
+        The clearance; 1e9 outside of the field.
     """
     fifths, reach = field.fifths, field.reach
     n = fifths.shape[0]
@@ -111,7 +111,7 @@ def clearance_at(field, discs, x, y, cos_yaw, sin_yaw):
 
 @njit(cache=True, nogil=True)
 def smooth_clearance_at(field, discs, x, y, cos_yaw, sin_yaw):
-    """As ``clearance_at``, interpolated between the cells' middles: it changes with every millimetre [m]."""
+    """``clearance_at``, interpolated between the cells' middles: it changes with every millimetre [m]."""
     fifths, reach = field.fifths, field.reach
     n = fifths.shape[0]
     per_metre = 1.0 / field.resolution

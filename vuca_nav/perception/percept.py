@@ -1,4 +1,4 @@
-"""What perception makes of one scan and the odometry, once a tick: the same value for every stage and every method."""
+"""The percept of one scan and the odometry, made once a tick: the same value for every stage and every method."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -19,7 +19,7 @@ class LevelScan(NamedTuple):
     beams: FloatArray
     """(num_beams, 2) directions over ground, ahead and left of the base."""
     is_mover: NDArray[np.bool_]
-    """(num_beams,) returns of moving tracks."""
+    """(num_beams,) mask of the returns of moving tracks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +27,7 @@ class Percept:
     """One tick's perception. Arrays are valid until the next tick."""
 
     scan: Scan
-    """As the lidar gave it."""
+    """The scan as the lidar gave it."""
     odom_from_base: Pose2
     motion: Pose2
     """Displacement of the base since the last tick by odometry, in its frame of then."""
@@ -42,18 +42,18 @@ class Percept:
     """(k, TRACK_SIZE) as ``vuca_nav.perception.tracks`` names the columns, in base_link over ground."""
     moving: FloatArray
     """(m, 3) x, y [m] in base_link over ground and radius [m] of the tracks that surely move. They have no place in a
-    map, and bar no path: by the time that the robot is there they are elsewhere."""
+    map, and bar no path: when the robot gets there they are elsewhere."""
     history: ScanHistory
     """Scans of the last ticks."""
     field: ScanField
-    """Makes ``distance_field``."""
+    """Source of ``distance_field``."""
 
     @property
     def stamp(self) -> float:
-        """Of the scan [s]."""
+        """Time of the scan [s]."""
         return self.scan.stamp
 
     @property
     def distance_field(self) -> DistanceField:
-        """Distance to the nearest return around the robot; worked out when somebody asks for it, once a tick."""
+        """Distance to the nearest return around the robot; computed on demand, once a tick."""
         return self.field.get()

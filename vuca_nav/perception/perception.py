@@ -26,7 +26,7 @@ from vuca_nav.perception.tracks import (
 from vuca_nav.types import STANDING, LidarSpec, Odometry, Pose2, Scan
 
 MOST_PERIODS = 2.5
-"""Between two scans; after a longer gap the past is forgotten. A single lost scan is no gap."""
+"""Longest time between two scans over which the past is kept, in periods. A single lost scan is no gap."""
 MOST_INVALID = 0.5
 """Share of a scan's beams that may be NaN (REP-117: a fault, not an empty beam) before the scan is invalid."""
 UPRIGHT = (0.0, 0.0, 1.0)
@@ -34,33 +34,34 @@ UPRIGHT = (0.0, 0.0, 1.0)
 
 @dataclass(frozen=True, slots=True)
 class PerceptionConfig:
-    """How a scan is read."""
+    """Settings of perception."""
 
     tracks: bool = True
-    """Whether moving obstacles are tracked; a method that does without has them in its map as everything else."""
+    """Whether moving obstacles are tracked; without tracks, moving obstacles are mapped like all others."""
     sight: float = 8.0
-    """Nothing is tracked beyond [m]."""
+    """Range beyond which nothing is tracked [m]."""
     spacing: float = 0.1
-    """Between two scans that tracks are corrected by: over less, range noise is too much of a velocity [s]."""
+    """Time between two scans that correct tracks [s]: over less, range noise is too much of a velocity."""
     certainty: float = 0.6
-    """A track of less is taken to stand: one that was seen three times in a row has more."""
+    """Certainty below which a track is taken to stand: one that was seen three times in a row has more."""
     moving_speed: float = 0.12
-    """A slower track is taken to stand: it keeps its place in the map, since it will still be there [m/s]."""
+    """Speed below which a track is taken to stand [m/s]: it stays in the map, since it will still be there."""
     own_returns: float = 0.2
     """Returns this near to a moving track's circle are its own [m]."""
     lowest: float = 0.3
-    """A beam that ends lower than this share of the lidar's height by the measured lean may have met the floor ..."""
+    """A beam that ends lower than this share of the lidar's height, by the measured lean, may have met the floor: it is
+    not mapped."""
     highest: float = 0.25
-    """... and one that ends this much above the lidar may have passed over something low: neither is mapped [m]."""
+    """A beam that ends this much above the lidar may have passed over a low obstacle: it is not mapped [m]."""
     memory: float = 0.3
-    """Age of the oldest scan that is kept [s]: n = 3 scans, 0.1 s apart, make O_m (Section III-B)."""
+    """Age of the oldest scan that is kept [s]: n = 3 scans, 0.1 s apart, make O_m (Zhang et al., Section III-B)."""
     field_reach: float = 2.6
     """Half side of the distance field [m]."""
     field_resolution: float = 0.05
-    """[m]"""
+    """Side of the distance field's cells [m]."""
 
     def __post_init__(self) -> None:
-        """Raises BadArgument for what is out of its range."""
+        """Raise BadArgument for a setting out of its range."""
         check_positive(self, "sight", "spacing", "own_returns", "field_reach", "field_resolution")
         check_not_negative(self, "memory", "moving_speed", "certainty")
 
@@ -74,7 +75,7 @@ class _Band(NamedTuple):
 
 
 class _MovingRule(NamedTuple):
-    """When a track moves, and which returns are its own."""
+    """Thresholds of a moving track and of its own returns."""
 
     certainty: float
     speed: float
@@ -85,7 +86,7 @@ class Perception:
     """Reads scans and odometry.
 
     Args:
-        lidar: What is seen with.
+        lidar: The body's lidar.
         config: Settings.
     """
 
@@ -112,13 +113,13 @@ class Perception:
         self._stamp = -math.inf
 
     def update(self, scan: Scan, odometry: Odometry) -> Percept:
-        """Take in what the sensors say now.
+        """Take in the sensors' present readings.
 
-        After a gap in time, or while what the sensors say is not valid, tracks and past scans are forgotten.
+        After a gap in time, or while the readings are not valid, tracks and past scans are forgotten.
 
         Args:
-            scan: The lidar's latest.
-            odometry: The body's, at the same time.
+            scan: The lidar's latest scan.
+            odometry: The body's odometry at the same time.
         """
         before, self._odom_from_before = self._odom_from_before, odometry.odom_from_base
         motion = STANDING if before is None else between(before, odometry.odom_from_base)
@@ -165,12 +166,12 @@ class Perception:
 
 @njit(cache=True)
 def _level_scan(ranges, beams, up, axes, band, level):
-    """See a leaning body's scan from above: ranges over ground, and directions by ``geometry.levelling``, ``axes``.
+    """Project a leaning body's scan onto the floor: ranges over ground, and directions by ``axes``, its levelling.
 
     Ranges become NaN where a beam ended outside of the band.
 
     Returns:
-        How many ranges are NaN, and how many beams came back.
+        The number of ranges that are NaN, and of beams that came back.
     """
     leans = up[0] != 0.0 or up[1] != 0.0
     invalid = returns = 0
@@ -208,7 +209,7 @@ def _find_moving(tracks, rule, moving):
 
 @njit(cache=True)
 def _mark_movers(level, moving, margin):
-    """Tell which returns belong to a moving track."""
+    """Mark the returns that belong to a moving track."""
     level.is_mover[:] = False
     if not len(moving):
         return

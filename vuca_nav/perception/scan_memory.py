@@ -11,7 +11,7 @@ class ScanHistory:
 
     Args:
         depth: Number of scans that are kept, the present one included.
-        num_beams: Of a scan.
+        num_beams: Number of a scan's beams.
     """
 
     def __init__(self, depth: int, num_beams: int):
@@ -24,7 +24,7 @@ class ScanHistory:
         return len(self._ranges)
 
     def begin(self, ranges: FloatArray) -> None:
-        """Let a scan (num_beams,) stand for all of the past, too."""
+        """Let a scan (num_beams,) also stand for all of the past."""
         self._ranges[:] = ranges
 
     def add(self, ranges: FloatArray) -> None:
@@ -33,12 +33,12 @@ class ScanHistory:
         self._ranges[self._newest] = ranges
 
     def past(self, ages: np.ndarray) -> FloatArray:
-        """Scans of so many ticks ago, (len(ages), num_beams) [m]; ages must be less than ``depth``."""
+        """Scans of the given ages in ticks, (len(ages), num_beams) [m]; ages must be less than ``depth``."""
         return self._ranges[(self._newest - ages) % len(self._ranges)]
 
 
 class ScanField:
-    """The distance field of the present scan, worked out on demand.
+    """The distance field of the present scan, computed on demand.
 
     Args:
         beams: (num_beams, 2) directions in base_link.
@@ -53,11 +53,11 @@ class ScanField:
 
     @property
     def uncertainty(self) -> float:
-        """As ``DistanceField.uncertainty`` [m]."""
+        """Greatest error of the field; see ``DistanceField.uncertainty`` [m]."""
         return self._field.uncertainty
 
     def set_scan(self, ranges: FloatArray) -> None:
-        """The field is that of these ranges (num_beams,) from now on."""
+        """Make the field that of these ranges (num_beams,) from now on."""
         self._ranges = ranges
 
     def get(self) -> DistanceField:

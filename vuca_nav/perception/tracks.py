@@ -1,7 +1,7 @@
 """Tracks: objects of a person's size followed over time, by alpha-beta filters in the frame of odometry.
 
-A lidar sees surfaces, and what threatens a robot is motion. Each scan's detections (``vuca_nav.perception.detections``)
-are associated with the tracks, the nearest pair first; what is left over begins a track. One class serves training
+A lidar sees surfaces, but motion is what threatens a robot. Each scan's detections (``vuca_nav.perception.detections``)
+are associated with the tracks, the nearest pair first; each one left over begins a track. One class serves training
 (hundreds of robots a call) and the robot (one row).
 """
 
@@ -17,7 +17,7 @@ from vuca_nav.types import FloatArray
 
 MAX_TRACKS = 16
 X, Y, V_X, V_Y, RADIUS, CERTAINTY, HAS_LEFT = range(7)
-"""Columns of a track as it is given out: centre and velocity over the ground in base_link, radius [m, m/s, m],
+"""Columns of a track as returned: centre and velocity over the ground in base_link, radius [m, m/s, m],
 certainty from 0 to 1, and 1 once it has left the place that it was first seen at."""
 TRACK_SIZE = 7
 
@@ -25,55 +25,55 @@ _X, _Y, _V_X, _V_Y, _RADIUS, _HITS, _MISSED, _STEADY, _ERROR_X, _ERROR_Y = range
 _FIRST_X, _FIRST_Y, _FIRST_YAW, _HAS_LEFT = range(10, 14)
 _COLUMNS = 14
 _FOR_GOOD = 2.0
-"""Value of ``_HAS_LEFT`` that stays; 1 is for now."""
+"""Value of ``_HAS_LEFT`` that stays; 1 can still be withdrawn."""
 _GATE = 0.4
-"""A detection belongs to a track so near to where that was expected: 0.1 s at 3 m/s, and its centre's error [m]."""
+"""Greatest distance of a detection from a track's expected place [m]: 0.1 s at 3 m/s, and the centre's error."""
 _ALPHA = np.array([1.0, 1.0, 0.85, 0.7, 0.6, 0.5, 0.45])
 _BETA = np.array([0.0, 0.8, 0.5, 0.35, 0.25, 0.18, 0.14])
-"""Gains of position and velocity by the number of times that a track was where it was expected; the last stays."""
+"""Gains of position and velocity by the number of times that the prediction held; the last stays."""
 _SURPRISE, _SURPRISE_SLOPE = 0.25, 0.02
-"""Farther, and by this share of the range, from where it was expected, its last two errors added up, an object has
-turned: its gains begin anew [m]."""
+"""Sum of a track's last two errors [m], and its growth by a share of the range, above which the object has turned and
+the gains begin anew."""
 _PAIR, _IN_PART = 0.18, 0.3
-"""Where something of a larger radius shows only a leg, or is half hidden, so much of the usual gains counts."""
+"""Shares of the usual gains where a larger object shows only a leg, and where it is half hidden."""
 _PART_GATE = 0.25
-"""For these instead of ``_GATE`` [m]."""
+"""``_GATE`` of objects that are seen in part [m]."""
 _LEFT = 1.2
-"""Times its radius that a track must be from where it was first seen to have left ..."""
+"""Distance from its first place, in radii, at which a track has left it."""
 _LEFT_FOR_GOOD = 1.0
-"""... and so far once to have left for good: whoever comes back past there has not stopped. Legs of one table are
-nearer to each other [m] ..."""
+"""Distance at which a track has left its first place for good [m]: a mover that comes back past there has not stopped.
+Legs of one table are nearer to each other."""
 _TURN_ERROR = 0.04
-"""... and so much more, times its range, for each radian that the robot has turned since: odometry's error there."""
+"""Addition to both distances, times the range, for each radian that the robot has turned since: odometry's error."""
 _PATIENCE = 5
-"""Updates that an unseen track is kept."""
+"""Number of updates for which an unseen track is kept."""
 _FASTEST = 3.0
 """Greatest speed of a track [m/s]."""
 _RADIUS_GAIN = 0.3
 
 
 class _State(NamedTuple):
-    """What a tracker knows, n rows."""
+    """State of a tracker, n rows."""
 
     tracks: FloatArray
     """(n, MAX_TRACKS, 14) in the frame of odometry that begins where a row began anew."""
     odometry: FloatArray
-    """(n, 3) the base's pose in it."""
+    """(n, 3) the base's pose in that frame."""
     since: FloatArray
     """(n,) time since the last scan that was used [s]."""
 
 
 class _Sight(NamedTuple):
-    """What a tracker is given, n rows."""
+    """Input of a tracker, n rows."""
 
     ranges: FloatArray
     """(n, num_beams) [m]"""
     motions: FloatArray
-    """(n, 3) [m, m, rad]"""
+    """(n, 3) displacements since the last call [m, m, rad]."""
     reaches: FloatArray
-    """(n,) [m]"""
+    """(n,) ranges from which on returns are left out [m]."""
     fresh: NDArray[np.bool_]
-    """(n,)"""
+    """(n,) rows that begin anew."""
 
 
 class _Workspace(NamedTuple):
@@ -84,20 +84,20 @@ class _Workspace(NamedTuple):
     found: FloatArray
     taken: NDArray[np.bool_]
     period: float
-    """Between two calls [s]."""
+    """Time between two calls [s]."""
     spacing: float
-    """Between two scans that are used [s]."""
+    """Time between two scans that are used [s]."""
 
 
 class Tracker:
     """Follows moving obstacles, a row for each robot.
 
     Args:
-        n: Rows.
-        num_beams: Of the scans; beam i points at ``-pi + i * 2 pi / num_beams``.
-        period: Between two calls [s].
-        spacing: Between two scans that are used [s], a multiple of the period: over less, range noise is too much of a
-            velocity.
+        n: Number of rows.
+        num_beams: Beams of a scan; beam i points at ``-pi + i * 2 pi / num_beams``.
+        period: Time between two calls [s].
+        spacing: Time between two scans that are used [s], a multiple of the period: over less, range noise is too
+            much of a velocity.
     """
 
     def __init__(self, n: int, num_beams: int, period: float, spacing: float):
@@ -118,11 +118,11 @@ class Tracker:
         """Take in a scan of each of these rows.
 
         Args:
-            rows: Which.
+            rows: Indices of the rows.
             ranges: (n, num_beams) [m]; ``inf`` or NaN where nothing came back.
             motions: (n, 3) displacement since the last call by odometry, in the base frame of then [m, m, rad].
             reaches: (n,) returns from here on are left out [m].
-            fresh: (n,) rows that forget their tracks, and where they were.
+            fresh: (n,) rows that forget their tracks and their odometry.
         """
         _update(rows, _Sight(ranges, motions, reaches, fresh), self._state, self._workspace)
 
@@ -130,10 +130,10 @@ class Tracker:
         """Tracks of a row as they are now.
 
         Args:
-            row: Which.
+            row: Index of the row.
             out: (MAX_TRACKS, TRACK_SIZE), written to. A track that has not left its first place is most likely
-                something that stands: of posts that are seen two by two, now these and now those, some seem to jump,
-                and while the robot turns and its odometry overstates it, whatever stands seems to go round it.
+                a static object: posts that are seen two by two, in changing pairs, seem to jump, and while the robot
+                turns and its odometry overstates the turn, static objects seem to circle it.
 
         Returns:
             Their number.
@@ -142,7 +142,7 @@ class Tracker:
 
     @property
     def state(self) -> _State:
-        """For kernels that look at many rows at once."""
+        """The state, for kernels that work on many rows at once."""
         return self._state
 
 
@@ -197,7 +197,7 @@ def _associate(tracks, found, pose, dt, taken):
         left -= 1
         found[best_f] = found[left]
     for k in range(len(tracks)):
-        if tracks[k, _HITS] == 0.0:  # room for something new, the nearest first
+        if tracks[k, _HITS] == 0.0:  # space for new tracks, the nearest first
             best_f, nearest = -1, math.inf
             for f in range(left):
                 if found[f, 3] == WHOLE and found[f, 4] < nearest:
@@ -250,7 +250,7 @@ def _correct(track, found, dt, yaw):
         track[_HAS_LEFT] = _FOR_GOOD
     elif track[_HAS_LEFT] != _FOR_GOOD:
         track[_HAS_LEFT] = 1.0 if gone >= _LEFT * track[_RADIUS] else 0.0
-    track[_MISSED] = -1.0  # counted up by who calls
+    track[_MISSED] = -1.0  # counted up by the caller
 
 
 @njit(cache=True, nogil=True)

@@ -1,4 +1,4 @@
-"""The inflated grid: what the map means to a body of a given size."""
+"""The inflated grid: cells that a body of a given size may enter."""
 
 import math
 from dataclasses import dataclass
@@ -16,24 +16,24 @@ NOTHING_MOVES: FloatArray = np.empty((0, 3))
 
 @dataclass(frozen=True, slots=True)
 class CostmapConfig:
-    """Settings of the costmap: how near to obstacles a path may and should pass."""
+    """Settings of the costmap: clearances that a path needs and prefers."""
 
     downsample: int = 2
-    """Map cells to a costmap cell, each way: 0.05 m to 0.1 m."""
+    """Number of map cells to a costmap cell, each way: 0.05 m to 0.1 m."""
     margin: float = 0.07
     """Clearance of the footprint's circumscribed circle from an obstacle's cell that a path needs [m]."""
     comfort: float = 0.75
-    """Clearance from which on nearness costs nothing [m]."""
+    """Clearance beyond which obstacles cost nothing [m]."""
     comfort_weight: float = 3.0
-    """A path touching the margin is this much longer than it is, falling linearly to 0 at ``comfort``."""
+    """Extra cost of a path that touches the margin, per length; it falls linearly to 0 at ``comfort``."""
     escape_radius: float = 0.6
-    """Around the robot, cells within the margin may be crossed: else it could not leave a tight spot [m]."""
+    """Radius about the robot in which cells within the margin may be crossed, to leave a tight spot [m]."""
     own_cells: float = 0.25
-    """Occupied cells this near to a moving track's circle are its own [m]."""
+    """Distance from a moving track's circle within which occupied cells are its own [m]."""
     memory: int = 60
-    """Small obstacles that so many scans have neither confirmed nor changed may have moved away: 2 s at 30 Hz."""
+    """Scans after which a small obstacle, neither confirmed nor changed, may have moved away: 2 s at 30 Hz."""
     small: float = 1.5
-    """An obstacle is small if it extends over no more than this, each way [m]."""
+    """Greatest extent of a small obstacle, each way [m]."""
 
 
 class Costmap:
@@ -45,7 +45,7 @@ class Costmap:
         robot: Position of the robot in the map [m].
         config: Settings.
         moving: (m, 3) x, y in the map and radius of the tracks that surely move [m].
-        doubting: Paths lead through small obstacles that may have moved away, too. What those hid is no frontier.
+        doubting: Paths also lead through small obstacles that may have moved away. Cells behind them are no frontier.
 
     Attributes:
         state: (rows, columns) int8 of UNKNOWN, FREE, OCCUPIED.
@@ -56,7 +56,7 @@ class Costmap:
     """
 
     UNIT = 4
-    """Weight of a cell with all the clearance one wants."""
+    """Weight of a cell with a clearance of ``comfort`` or more."""
 
     def __init__(
         self,
@@ -115,7 +115,7 @@ class Costmap:
         )
 
     def contains(self, i: int, j: int) -> bool:
-        """Whether there is such a cell."""
+        """Whether the cell lies inside the array."""
         return 0 <= i < self.state.shape[0] and 0 <= j < self.state.shape[1]
 
     def point(self, i: int, j: int) -> tuple[float, float]:
@@ -125,7 +125,7 @@ class Costmap:
 
 @njit(cache=True)
 def _coarsen(level, factor):
-    """A coarse cell is occupied if any of its cells is, free if half of them are."""
+    """Coarsen a grid: a coarse cell is occupied if any of its cells is, free if half of them are."""
     rows, columns = level.shape[0] // factor, level.shape[1] // factor
     state = np.empty((rows, columns), np.int8)
     free, occupied = np.empty(columns * factor, np.int32), np.empty(columns * factor, np.int32)
@@ -179,7 +179,7 @@ def _forget(state, certain, factor, most):
 
 @njit(cache=True)
 def _leave_out(state, origin, resolution, moving, margin):
-    """Free what is occupied by moving tracks."""
+    """Free the cells that moving tracks occupy."""
     for track in moving:
         reach = (track[2] + margin) / resolution
         middle_j, middle_i = (track[0] - origin[0]) / resolution - 0.5, (track[1] - origin[1]) / resolution - 0.5

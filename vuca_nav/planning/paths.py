@@ -72,11 +72,11 @@ class PathField:
 
 @njit(cache=True)
 def _dijkstra(weight, start_i, start_j, di, dj, length):
-    """Dial's algorithm: integer costs, a ring of buckets, each a linked list of entries.
+    """Find all cheapest paths by Dial's algorithm: integer costs, a ring of buckets, each a linked list of entries.
 
     Returns:
         (rows, columns) int32 costs, and (rows, columns) int8 index of the step by which each cell was reached, -1 where
-        there is none. Of equally cheap ways the one found first stays.
+        there is none. Of equally cheap paths the one found first stays.
     """
     rows, columns = weight.shape
     # A border that no path enters saves asking for the array's ends; cells are numbered row by row.
@@ -176,7 +176,7 @@ def _trace(came_by, i, j, di, dj):
 
 @njit(cache=True)
 def _cells_on_the_way(came_by, cells, most, di, dj, length):
-    """The cells at most so many fifths of a cell from the start, on the paths to cells, (n, 2)."""
+    """Cells on the paths to cells, at most ``most`` fifths of a cell from the start, (n, 2)."""
     found = cells.copy()
     for n in range(len(cells)):
         i, j = cells[n]
@@ -191,7 +191,7 @@ def _cells_on_the_way(came_by, cells, most, di, dj, length):
 
 @njit(cache=True)
 def _trace_length(came_by, i, j, di, dj, length):
-    """Length of the way to a cell, in fifths of a cell."""
+    """Length of the path to a cell, in fifths of a cell."""
     total = 0
     while came_by[i, j] >= 0:
         k = came_by[i, j]

@@ -13,15 +13,15 @@ from vuca_nav.types import FloatArray, Pose2
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Where to drive next."""
+    """The path to the target and the next waypoint."""
 
     path_in_map: FloatArray
-    """(n, 2) from where the robot was to its target [m]; empty before there is one."""
+    """(n, 2) path from the robot's place at planning to its target [m]; empty before there is one."""
     waypoint_in_map: tuple[float, float]
     """[m]"""
 
     def moved(self, map_correction: Pose2) -> "Plan":
-        """The same after the map has moved."""
+        """The plan after the map has moved."""
         (waypoint,) = transform_points(map_correction, np.array([self.waypoint_in_map])).tolist()
         return replace(
             self, path_in_map=transform_points(map_correction, self.path_in_map), waypoint_in_map=tuple(waypoint)
@@ -29,7 +29,7 @@ class Plan:
 
 
 def no_plan(start: Pose2) -> Plan:
-    """Before anything is planned: stay."""
+    """The plan before anything is planned: stay."""
     return Plan(np.empty((0, 2)), (start.x, start.y))
 
 
@@ -37,19 +37,19 @@ class Planner:
     """Plans paths.
 
     Args:
-        telemetry: Told the plan.
+        telemetry: Receives the plan.
     """
 
     def __init__(self, telemetry: Telemetry = Telemetry()):
         self.telemetry = telemetry
 
     def update(self, target: tuple[float, float] | None, paths: PathField, last: Plan) -> Plan:
-        """The path to the target, and the farthest waypoint on it.
+        """Plan the path to the target, and the farthest waypoint on it.
 
         Args:
             target: A point of the map that paths reach [m]; None if the explorer found none.
-            paths: From the robot now.
-            last: The plan so far. It is kept where nothing can be reached: most likely a moving obstacle bars the way.
+            paths: Paths from the robot.
+            last: The plan so far. It is kept where the target cannot be reached: most likely a mover bars the way.
         """
         telemetry = self.telemetry
         if target is None:

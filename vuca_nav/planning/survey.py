@@ -1,4 +1,4 @@
-"""Survey: what the map means to this body at one moment, its costmap and the cheapest paths from where it is."""
+"""Survey of the map for one body at one moment: its costmap and the cheapest paths from its place."""
 
 from functools import cache
 
@@ -9,14 +9,14 @@ from vuca_nav.types import FloatArray, Pose2
 
 
 class Survey:
-    """Works out costmaps and path fields when first asked for them.
+    """Makes costmaps and path fields on demand.
 
     Args:
         grid: The navigation grid.
-        radius: Of the body [m].
-        map_from_base: Where it is.
+        radius: Radius of the body [m].
+        map_from_base: Pose of the body.
         moving_in_map: (m, 3) x, y and radius of the tracks that surely move [m]: they bar no path.
-        config: Of the costmap.
+        config: Settings of the costmap.
     """
 
     def __init__(
@@ -35,6 +35,6 @@ class Survey:
         """All cheapest paths from the robot.
 
         Args:
-            doubting: Whether they may lead through small things that have not been seen lately.
+            doubting: Whether they may lead through small obstacles that have not been seen lately.
         """
         return self._paths(doubting)

@@ -1,6 +1,6 @@
 """Sparse waypoints: the farthest point of the path that the body can reach in a straight line.
 
-They are those of Zhang et al., Section III-C.
+Source: Zhang et al., Section III-C.
 """
 
 import math
@@ -22,7 +22,7 @@ def farthest_free_waypoint(
         robot: Position of the robot in the map [m].
 
     Returns:
-        The point in the map [m]. From a spot too tight for any straight line it is where the path leaves that spot.
+        The point in the map [m]. In a spot too tight for any straight line it is where the path leaves that spot.
     """
     cells = (path_in_map - costmap.origin) / costmap.resolution
     k = _farthest(
@@ -52,7 +52,7 @@ def _farthest(weight, clearance, escape_weight, cells, robot_i, robot_j):
 
 @njit(cache=True)
 def line_is_free(weight, clearance, escape_weight, i0, j0, i1, j1):
-    """Tell whether the body can go straight from one point to another, both in fractional rows and columns.
+    """Whether the body can go straight from one point to another, both in fractional rows and columns.
 
     Cells too near an obstacle are allowed only at the beginning, and only while they lead away from it.
     """

@@ -8,16 +8,16 @@ from vuca_nav.types import VelocityCommand
 
 
 class LocalGoal(NamedTuple):
-    """What a local policy heads for at a tick."""
+    """The waypoint that a local policy heads for at a tick."""
 
     point_in_base: tuple[float, float]
     """The waypoint [m]."""
     is_final: bool
-    """Whether it is the goal itself, so that one should slow down and stop there."""
+    """Whether it is the goal itself, at which to slow down and stop."""
 
 
 class LocalPolicy(ABC):
-    """Asked at the lidar's rate, once a tick."""
+    """Local controller that is asked for a command once a tick, at the lidar's rate."""
 
     @abstractmethod
     def reset(self) -> None:
@@ -28,6 +28,6 @@ class LocalPolicy(ABC):
         """The velocity command for the next tick, within the body's limits.
 
         Args:
-            percept: This tick's.
-            goal: Where to go; None if the body has to stand, and ``STOP`` is the answer.
+            percept: The percept of this tick.
+            goal: The waypoint; None if the body has to stand, and ``STOP`` is the answer.
         """

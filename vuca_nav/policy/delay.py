@@ -10,11 +10,11 @@ class CommandDelay:
     """Remembers commands, as the body's limits of acceleration let them through.
 
     Args:
-        body: Who is commanded.
-        rate: Commands a second [Hz].
+        body: The body that is commanded.
+        rate: Rate of commands [Hz].
 
     Attributes:
-        last: What the body will do when it has answered everything.
+        last: Velocity of the body once it has answered all commands.
     """
 
     def __init__(self, body: BodySpec, rate: float):
@@ -23,12 +23,12 @@ class CommandDelay:
         self.last = STOP
 
     def reset(self) -> None:
-        """The body stands."""
+        """Forget all commands; the body stands."""
         self.last = STOP
         self._queue.clear()
 
     def add(self, command: VelocityCommand) -> None:
-        """Take in what was commanded."""
+        """Take in a command."""
         body, last, dt = self._body, self.last, self._dt
         self.last = VelocityCommand(
             last.v_x + max(-body.max_a_x * dt, min(command.v_x - last.v_x, body.max_a_x * dt)),
@@ -38,7 +38,7 @@ class CommandDelay:
         self._queue.append(self.last)
 
     def pose(self) -> Pose2:
-        """Where the body will be, in the present base_link, when it answers what is commanded now."""
+        """Pose of the body, in the present base_link, when it answers a command that is given now."""
         x = y = yaw = 0.0
         for asked in self._queue:
             middle = yaw + 0.5 * asked.w_z * self._dt

@@ -1,10 +1,10 @@
 """The dynamic window approach (Fox, Burgard and Thrun 1997) on the present scan.
 
 Each admissible pair of velocities that the body can reach soon is held for ``horizon`` seconds; the trajectory is
-judged by where it leads, how near it passes to what the scan shows, and how it turns. What moves is taken to stand.
+judged by its end, its clearance from the returns, and its turning. Moving obstacles are taken to stand.
 
-Trajectories begin where the body will be when it answers. A body that is longer than wide may get to where it can go
-neither on nor round; it then backs or sidesteps out to where it can turn on the spot.
+Trajectories begin where the body will be when it answers. A body that is longer than wide may get to a place where it
+can neither go on nor turn; it then backs or sidesteps out to where it can turn on the spot.
 """
 
 import math
@@ -23,25 +23,25 @@ from vuca_nav.policy.delay import CommandDelay
 from vuca_nav.types import STANDING, STOP, BodySpec, LidarSpec, Pose2, VelocityCommand
 
 ROUNDING = 1e-9
-"""Bounds of costs are this much too low, so that no rounding makes one too high."""
+"""Slack of the lower bounds of costs, so that no rounding makes one too high."""
 
 
 @dataclass(frozen=True, slots=True)
 class DynamicWindowConfig:
-    """Settings of the dynamic window. Costs are in metres: what it is worth to be so much nearer to the waypoint."""
+    """Settings of the dynamic window. Costs are in metres of distance to the waypoint."""
 
     window: float = 0.3
-    """Velocities within so much acceleration are tried [s]."""
+    """Time of acceleration that bounds the velocities that are tried [s]."""
     num_v_x: int = 9
     num_w_z: int = 21
     horizon: float = 1.8
-    """[s]"""
+    """Length of the trajectories [s]."""
     time_step: float = 0.1
     """[s]"""
     margin: float = 0.04
-    """Added to the footprint: range noise (two sigma) [m]."""
+    """Inflation of the footprint [m]: range noise (two sigma)."""
     comfort: float = 0.35
-    """From this distance to the footprint's edge on, nearness costs nothing [m]."""
+    """Clearance beyond which obstacles cost nothing [m]."""
     comfort_weight: float = 0.8
     """Cost of touching; falls with the square."""
     heading_weight: float = 0.35
@@ -53,30 +53,30 @@ class DynamicWindowConfig:
     brake_margin: float = 0.1
     """Clearance left when braking [m]."""
     recovery_turn: float = 0.5
-    """Share of the greatest yaw rate at which it turns on the spot when no motion is admissible."""
+    """Share of the greatest yaw rate at which the body turns on the spot when no motion is admissible."""
     patience: float = 1.0
-    """Without getting on for so long, a body that cannot turn where it is makes its way out [s] ..."""
+    """Time without progress after which a body that cannot turn on the spot makes its way out [s]."""
     progress_way: float = 0.15
-    """... where getting on is so much way [m] ..."""
+    """Way that counts as progress [m]."""
     progress_turn: float = 0.3
-    """... or so much turning [rad]."""
+    """Turn that counts as progress [rad]."""
     escape_speed: float = 0.2
     """Speed on the way out [m/s]."""
     escape_time: float = 4.0
-    """Time of the way out, after which the window is asked again [s]."""
+    """Longest time of the way out, after which the window is searched again [s]."""
     escape_horizon: float = 1.0
     """Length of the way out's trajectories [s]."""
     escape_clearance: float = 0.05
-    """Clearance beyond what turning on the spot takes, at which the way out ends: hysteresis [m]."""
+    """Clearance beyond that of a turn on the spot at which the way out ends [m]: hysteresis."""
 
 
 class WindowSettings(NamedTuple):
-    """What the kernel of the window needs of ``DynamicWindowConfig`` and of the body."""
+    """Settings of the window's kernel, from ``DynamicWindowConfig`` and the body."""
 
     num_v_x: int
     num_w_z: int
     steps: int
-    """Steps of a trajectory."""
+    """Number of steps of a trajectory."""
     time_step: float
     """[s]"""
     horizon: float
@@ -96,7 +96,7 @@ class WindowSettings(NamedTuple):
 
 
 class EscapeSettings(NamedTuple):
-    """What the kernel of the way out needs of ``DynamicWindowConfig`` and of the body."""
+    """Settings of the way out's kernel, from ``DynamicWindowConfig`` and the body."""
 
     enough: float
     """Distances of the body's centre beyond this count as this much [m]."""
@@ -109,13 +109,13 @@ class EscapeSettings(NamedTuple):
     w_z: float
     """Yaw rate of the candidates that turn [rad/s]."""
     steps: int
-    """Steps of a trajectory."""
+    """Number of steps of a trajectory."""
     time_step: float
     """[s]"""
 
 
 class DynamicWindow(LocalPolicy):
-    """The policy, for differential bodies and quadrupeds alike: v_y is 0 but on the way out of a tight spot."""
+    """The dynamic window as a policy, for differential bodies and quadrupeds: v_y is 0 but on the way out."""
 
     def __init__(self, body: BodySpec, lidar: LidarSpec, config: DynamicWindowConfig = DynamicWindowConfig()):
         self.body = body
@@ -153,7 +153,7 @@ class DynamicWindow(LocalPolicy):
         self.reset()
 
     def reset(self) -> None:
-        """Stand."""
+        """Forget the last mission; the body stands."""
         self._last = STOP
         self._delay.reset()
         self._since_progress = STANDING
@@ -162,8 +162,8 @@ class DynamicWindow(LocalPolicy):
     def command(self, percept: Percept, goal: LocalGoal | None) -> VelocityCommand:
         """The best pair of the window.
 
-        Where none is admissible it is a turn on the spot towards the waypoint, or the way to where there is clearance
-        for that.
+        Where none is admissible it is a turn on the spot towards the waypoint, or the way out to a place with the
+        clearance for a turn.
         """
         command = STOP if goal is None or not percept.is_valid else self._choose(percept, goal)
         self._last = command
@@ -187,7 +187,7 @@ class DynamicWindow(LocalPolicy):
     def _in_window(self, goal: LocalGoal, field: DistanceField, start: Pose2) -> VelocityCommand | None:
         """The cheapest admissible pair, if there is one."""
         body, c = self.body, self.config
-        # The window lies about what was asked for last: the measured velocity lags behind it.
+        # The window lies about the last command: the measured velocity lags behind it.
         v_x, w_z, admissible = _best(
             field,
             self._discs,
@@ -205,11 +205,11 @@ class DynamicWindow(LocalPolicy):
         return VelocityCommand(float(v_x), 0.0, float(w_z)) if admissible else None
 
     def _clearance_to_turn(self, field: DistanceField, start: Pose2) -> float:
-        """Clearance that is left when the body turns on the spot once round [m]."""
+        """Least clearance of the body over a full turn on the spot [m]."""
         return clearance_at(field, self._turning_disc, start.x, start.y, 1.0, 0.0) - self.config.margin
 
     def _way_out(self, percept: Percept, goal: LocalGoal, field: DistanceField, start: Pose2) -> VelocityCommand | None:
-        """The velocity towards where the body can turn, once it has stood for long where it cannot; None otherwise."""
+        """The velocity towards a place where the body can turn, once it is stuck where it cannot; None otherwise."""
         c = self.config
         self._watch_progress(percept, goal)
         clearance = self._clearance_to_turn(field, start)
@@ -235,7 +235,7 @@ class DynamicWindow(LocalPolicy):
         )
 
     def _watch_progress(self, percept: Percept, goal: LocalGoal) -> None:
-        """Count the time in which the body has not got on though it has some way to go."""
+        """Count the time without progress while the waypoint is not reached."""
         self._since_progress = compose(self._since_progress, percept.motion)
         way, turn = self.config.progress_way, self.config.progress_turn
         x, y, yaw = self._since_progress
@@ -248,18 +248,18 @@ class DynamicWindow(LocalPolicy):
 def _best(field, discs, settings, start, target, limits, last_w):
     """Find the cheapest admissible pair of velocities, and whether there was any.
 
-    First all trajectories are laid out without looking at the field. What they cost at least, where nothing is near,
-    decides which one is judged first, and spares those the field that could not be cheaper than the best.
+    First all trajectories are laid out without the field. Their least costs, those without an obstacle near, decide
+    which one is judged first, and spare the field look-ups of those that cannot be cheaper than the best.
 
     Args:
-        field: Distances to what the scan shows.
-        discs: (k, 3) the body.
-        settings: The window's.
+        field: Distances to the returns.
+        discs: (k, 3) discs that cover the body.
+        settings: Settings of the window.
         start: x, y, cosine and sine of the yaw in base_link, where trajectories begin [m].
         target: x and y of the waypoint in base_link [m], and whether it is the goal: a trajectory that passes over
             that need not end on it.
         limits: Least and greatest v_x [m/s] and w_z [rad/s] to try.
-        last_w: Yaw rate that was asked for last [rad/s].
+        last_w: Yaw rate of the last command [rad/s].
     """
     num_v, num_w, steps, dt = settings.num_v_x, settings.num_w_z, settings.steps, settings.time_step
     margin, comfort, horizon = settings.margin, settings.comfort, settings.horizon
@@ -271,13 +271,13 @@ def _best(field, discs, settings, start, target, limits, last_w):
     for a in range(num_v):
         vs[a] = v_min + (v_max - v_min) * a / (num_v - 1)
     ws = np.empty(num_w + 1)
-    # Of each yaw rate: cosine and sine of the heading in the middle and at the end of each step.
+    # Cosine and sine of the heading of each yaw rate, in the middle and at the end of each step.
     headings = np.empty((num_w + 1, steps, 4))
     xs, ys, nearest_of = np.empty(num_v), np.empty(num_v), np.empty(num_v)
     bounds = np.empty((num_w + 1) * num_v)
     first = 0
     for b in range(num_w + 1):
-        # The last one: straight ahead, which the even spacing may miss.
+        # The last one is straight ahead, which the even spacing may miss.
         w = w_min + (w_max - w_min) * b / (num_w - 1) if b < num_w else min(max(0.0, w_min), w_max)
         ws[b] = w
         half_cos, half_sin = math.cos(0.5 * w * dt), math.sin(0.5 * w * dt)
@@ -320,7 +320,7 @@ def _best(field, discs, settings, start, target, limits, last_w):
             y += v * headings[b, step, 1] * dt
             c, s = headings[b, step, 2], headings[b, step, 3]
             clearance = clearance_at(field, discs, x, y, c, s) - margin
-            # From too near an obstacle one may still move away from it.
+            # Too near an obstacle the body may still move away from it.
             if clearance < 0.0 and clearance <= clearance_now + 1e-3 * step:
                 free = step * dt
                 break
@@ -352,15 +352,15 @@ def _best(field, discs, settings, start, target, limits, last_w):
 def _clearest(field, discs, centre, settings, start, last):
     """Find the slow velocity that leads the body's centre farthest from all returns, its outline no nearer to them.
 
-    Sixteen directions, each with and without turning; to stand is one choice more.
+    The candidates are sixteen directions, each with and without turning, and standing.
 
     Args:
-        field: Distances to what the scan shows.
-        discs: (k, 3) the body.
-        centre: (1, 3) its centre, a disc of no radius.
-        settings: The way out's.
+        field: Distances to the returns.
+        discs: (k, 3) discs that cover the body.
+        centre: (1, 3) the body's centre, a disc of no radius.
+        settings: Settings of the way out.
         start: x, y, cosine and sine of the yaw in base_link, where trajectories begin [m].
-        last: v_x, v_y, w_z that were asked for last.
+        last: v_x, v_y, w_z of the last command.
     """
     dt = settings.time_step
     start_x, start_y, start_cos, start_sin = start
@@ -384,9 +384,9 @@ def _clearest(field, discs, centre, settings, start, last):
                 c, s = c * half_cos - s * half_sin, s * half_cos + c * half_sin
                 least = min(least, clearance_at(field, discs, x, y, c, s))
             gain = min(clearance_at(field, centre, x, y, 1.0, 0.0), settings.enough)
-            # Nearer than now counts four times what it gains where it is tight, and nothing from a cell's clearance on.
+            # In tight spots a loss of clearance counts four times a gain; beyond a cell's clearance it counts nothing.
             loss = max(0.0, min(now, field.resolution) - least)
-            # Two centimetres, the range noise, for going the other way: it must not waver between equally good ways.
+            # Two centimetres, the range noise, for a change of way: the body must not waver between equally good ones.
             change = abs(v_x - last[0]) + abs(v_y - last[1]) + 0.1 * abs(w - last[2])
             value = gain - 4.0 * loss - 0.05 * change - 0.01 * abs(turn)
             if value > best:

@@ -11,18 +11,18 @@ from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import STOP, BodySpec, LidarSpec, VelocityCommand
 
 BLIND_SHARE = 0.3
-"""Of the command that is given while no beam returns at all: on an open field, or behind a lidar that died."""
+"""Share of the command that is given while no beam returns at all: on an open field, or with a dead lidar."""
 
 
 class LearnedPolicy(LocalPolicy):
     """The mean action of a network, at every tick. It stands while the percept is not valid.
 
     Args:
-        body: What is driven.
-        lidar: What it sees with.
-        weights: Of ``load_weights``.
-        gate: Who decides on the experts' shares.
-        telemetry: Told the shares at every tick.
+        body: The body that is driven.
+        lidar: The body's lidar.
+        weights: Result of ``load_weights``.
+        gate: Source of the experts' shares.
+        telemetry: Receives the shares at every tick.
 
     Raises:
         BadArgument: If the weights' observation does not go with the lidar, or there is no such expert.
@@ -43,7 +43,7 @@ class LearnedPolicy(LocalPolicy):
         self._action = np.zeros(ACTION_SIZE)
 
     def reset(self) -> None:
-        """It remembers nothing."""
+        """Do nothing: the policy keeps no memory."""
 
     def command(self, percept: Percept, goal: LocalGoal | None) -> VelocityCommand:
         """The mean action, as velocities within the body's limits."""

@@ -14,24 +14,24 @@ from vuca_nav.types import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Gate:
-    """What decides on the experts' shares: the trained gate, or for analyses something simpler."""
+    """Source of the experts' shares: the trained gate, or a simpler rule for analyses."""
 
     uniform: bool = False
-    """Every expert has the same share."""
+    """Whether every expert has the same share."""
     without: int | None = None
-    """The expert of this number, counted from 1, has no share; the others' shares add up to 1 again."""
+    """Number from 1 of an expert that has no share; the others' shares add up to 1 again."""
 
 
 LEARNED_GATE, UNIFORM_GATE = Gate(), Gate(uniform=True)
 
 
 class Actor(NamedTuple):
-    """What the kernel needs of a policy: x inputs, E experts of three layers, a gate of three layers."""
+    """A policy for the kernel: x inputs, E experts of three layers, a gate of three layers."""
 
     mean: np.ndarray
-    """(x,) subtracted from the observation."""
+    """(x,) mean that is subtracted from the observation."""
     scale: np.ndarray
-    """(x,) then multiplied by."""
+    """(x,) factor that the difference is multiplied by."""
     weights: tuple[np.ndarray, np.ndarray, np.ndarray]
     """(E, inputs, outputs) of each layer. They are transposed: the kernels add up columns, which vectorises without
     reordering a sum."""
@@ -42,13 +42,13 @@ class Actor(NamedTuple):
     gate_biases: tuple[np.ndarray, np.ndarray, np.ndarray]
     """(outputs,) of each layer of the gate."""
     elu: bool
-    """Layers are followed by ELU, else by ReLU; the gate's always by ReLU."""
+    """Whether the experts' layers are followed by ELU, else by ReLU. The gate's are followed by ReLU."""
     gated: bool
-    """Shares are the gate's, else those that stand in ``shares``."""
+    """Whether shares come from the gate, else from ``shares`` as it stands."""
     kept: np.ndarray
     """(E,) bool, experts that may have a share."""
     shares: np.ndarray
-    """(E,) of the last action; written to."""
+    """(E,) shares of the last action; written to."""
 
 
 @dataclass(slots=True)
@@ -107,11 +107,11 @@ class PolicyNetwork:
         """Compute the mean action for an observation.
 
         Args:
-            observation: (x,)
-            action: (3,) in [-1, 1], written to; left alone if something is not finite.
+            observation: (x,) numbers.
+            action: (3,) in [-1, 1], written to; left alone if any number is not finite.
 
         Returns:
-            Whether all that goes in and comes out is finite.
+            Whether observation and action are finite.
         """
         return _act(observation, action, self._actor)
 
@@ -150,7 +150,7 @@ def _act(observation, action, actor):
 
 @njit(cache=True, nogil=True)
 def _softmax(logits, kept, shares):
-    """Shares of the experts that are kept, by the gate's logits."""
+    """Compute the shares of the experts that are kept from the gate's logits."""
     greatest = -np.inf
     for k in range(len(logits)):
         if kept[k]:
@@ -165,7 +165,7 @@ def _softmax(logits, kept, shares):
 
 @njit(cache=True, nogil=True)
 def _fused_layer(x, weights, bias, shares):
-    """``sum_n a_n (W_n x + b_n)``, (outputs,)."""
+    """Fused layer ``sum_n a_n (W_n x + b_n)``, (outputs,)."""
     out = np.zeros(bias.shape[1], np.float32)
     for n in range(len(shares)):
         share = np.float32(shares[n])
@@ -183,7 +183,7 @@ def _fused_layer(x, weights, bias, shares):
 
 @njit(cache=True, nogil=True)
 def _layer(x, weights, bias):
-    """``W x + b``, (outputs,)."""
+    """Linear layer ``W x + b``, (outputs,)."""
     out = bias.copy()
     for i in range(len(x)):
         xi = x[i]

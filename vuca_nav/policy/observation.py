@@ -1,4 +1,4 @@
-"""What the local policy sees (Zhang et al., Section III-B): ``[O_L, O_m, O_g, O_v]``, the same for every body.
+"""The local policy's observation (Zhang et al., Section III-B): ``[O_L, O_m, O_g, O_v]``, the same for every body.
 
 Ranges are given beyond the footprint and velocities relative to the body's limits. ``Observer`` serves training
 (hundreds of rows a call, with a memory of its own), ``PerceptObserver`` simulation and robot (one row, all of which is
@@ -37,36 +37,36 @@ GOAL_SIZE, TWIST_SIZE, BODY_SIZE = 3, 3, 6
 HALF_DISTANCE = 3.0
 """Distance of the goal that reads 0, halfway between here (-1) and infinitely far (+1) [m]."""
 CLOSING_SPEED = 2.0
-"""Of an obstacle and the body, at which a scan difference reads -1 [m/s]: two brisk pedestrians meeting at an angle."""
+"""Closing speed of an obstacle and the body at which a scan difference reads -1 [m/s]: two brisk pedestrians."""
 TWIST_LIMIT = 2.0
-"""Velocities are clipped to so many times the body's limits: what an odometry glitch can do at most."""
+"""Multiple of the body's limits that velocities are clipped to: a bound for odometry glitches."""
 SPEED_SCALE, TURN_SCALE, ACCELERATION_SCALE = 1.5, 3.0, 3.0
-"""Of the body vector [m/s, rad/s, m/s^2]: about the greatest of the bodies in use."""
+"""Scales of the body vector [m/s, rad/s, m/s^2]: about the greatest of the bodies in use."""
 
 MOST_SECTORS, MOST_HISTORY = 1440, 64
-"""Of a configuration: weights files bring theirs along, and one from elsewhere must not ask for all memory."""
+"""Greatest values of a configuration: a weights file brings its own, and must not ask for all memory."""
 
 
 @dataclass(frozen=True, slots=True)
 class ObservationConfig:
-    """What an observation is made of. Weights belong to one configuration and carry it along."""
+    """Parts of an observation. Weights belong to one configuration and carry it along."""
 
     sectors: int = 60
-    """The scan is pooled (least range) to so many; the lidar's number of beams must be a multiple. Sector k begins at
+    """Number of sectors that the scan is pooled to (least range); it divides the number of beams. Sector k begins at
     ``-pi + k * 2 pi / sectors``; k and ``sectors - 1 - k`` are mirror images."""
     max_range: float = 6.0
-    """Beyond the footprint [m]; what is farther, or nothing at all, reads as this."""
+    """Greatest range beyond the footprint [m]; farther returns, and beams without one, read as this."""
     history: int = 3
-    """n of O_m, the number of past scans that the present one is compared with."""
+    """Number n of past scans that O_m compares with the present one."""
     spacing: float = 0.1
-    """Between the scans of the history [s]."""
+    """Time between the scans of the history [s]."""
     kind: Kind = "paper"
-    """``paper``: exactly Section III-B. ``tracked``: in place of O_m the tracks of what moves, and the body's limits
-    and size; O_L, how soon a track is met in each direction (``vuca_nav.policy.track_features``), O_g, O_v, body, the
-    same for standing still, the most threatening tracks."""
+    """``paper``: exactly Section III-B. ``tracked``: in place of O_m the tracks, and the body's limits
+    and size; O_L, the urgency of meeting a track in each direction (``vuca_nav.policy.track_features``), O_g, O_v,
+    body, the urgency for standing still, the most threatening tracks."""
 
     def __post_init__(self) -> None:
-        """Raises BadArgument for what is out of its range."""
+        """Raise BadArgument for a setting out of its range."""
         for name, most in (("sectors", MOST_SECTORS), ("history", MOST_HISTORY)):
             check_fields(self, f"1 to {most}", lambda n, most=most: isinstance(n, int) and 1 <= n <= most, name)
         check_positive(self, "max_range", "spacing")
@@ -80,20 +80,20 @@ class ObservationConfig:
 
     @property
     def blocks(self) -> tuple[int, ...]:
-        """Sizes of what comes before O_g, each a ring around the body that is its own mirror image reversed."""
+        """Sizes of the blocks before O_g, each a ring around the body that is its own mirror image reversed."""
         if self.kind == "paper":
             return (self.sectors,) * 2
         return (self.sectors, *(DIRECTIONS,) * len(SPEEDS))
 
     @property
     def goal_slice(self) -> slice:
-        """Where O_g is."""
+        """Indices of O_g."""
         start = sum(self.blocks)
         return slice(start, start + GOAL_SIZE)
 
     @property
     def size(self) -> int:
-        """Numbers in an observation."""
+        """Number of values in an observation."""
         size = self.goal_slice.stop + TWIST_SIZE
         return size if self.kind == "paper" else size + BODY_SIZE + SHOWN_SIZE
 
@@ -119,36 +119,36 @@ class ObservationConfig:
 
 
 class _Layout(NamedTuple):
-    """Where an observation's parts are, and their scales."""
+    """Places and scales of an observation's parts."""
 
     sectors: int
     max_range: float
     goal_start: int
     per_metre: float
-    """Of O_m's sum, to [-1, 1]."""
+    """Scale of O_m's sum, to [-1, 1]."""
     tracked: bool
 
 
 class _Bodies(NamedTuple):
-    """What observations depend on of n bodies."""
+    """Properties of n bodies that observations depend on."""
 
     outline: FloatArray
-    """(n, num_beams) of the footprint along each beam [m]."""
+    """(n, num_beams) distance to the footprint's edge along each beam [m]."""
     limits: FloatArray
-    """(n, 4) as ``limits_of`` gives them."""
+    """(n, 4) limits as ``limits_of`` gives them."""
     vectors: FloatArray
-    """(n, BODY_SIZE) as ``tracked`` shows them."""
+    """(n, BODY_SIZE) body vectors of ``tracked``."""
     radii: FloatArray
     """(n,) mean radius of the footprint [m]."""
     reaches: FloatArray
-    """(n,) how far from base_link anything is seen [m]."""
+    """(n,) greatest distance from base_link at which anything is seen [m]."""
 
 
 class _Ring(NamedTuple):
     """Pooled scans of the past, n rows."""
 
     scans: FloatArray
-    """(n, depth, sectors)"""
+    """(n, depth, sectors) pooled scans."""
     fresh: NDArray[np.bool_]
     """(n,) rows whose next scan stands for all of the past."""
     lags: NDArray[np.int64]
@@ -156,13 +156,13 @@ class _Ring(NamedTuple):
 
 
 class Observer:
-    """Makes observations, a row for each robot, and remembers what they need of the past.
+    """Makes observations, a row for each robot, and remembers the past scans that they need.
 
     Args:
-        config: What of.
-        bodies: One for each row.
-        num_beams: Of the scans; beam i points at ``-pi + i * 2 pi / num_beams``.
-        rate: Calls of ``observe`` a second [Hz].
+        config: Parts of the observation.
+        bodies: A body for each row.
+        num_beams: Beams of a scan; beam i points at ``-pi + i * 2 pi / num_beams``.
+        rate: Rate of ``observe`` [Hz].
 
     Raises:
         BadArgument: If the sectors do not divide the beams, or the calls the spacing, or a body's outline does not
@@ -189,16 +189,16 @@ class Observer:
 
     @property
     def outline(self) -> FloatArray:
-        """(n, num_beams) of each row's footprint along each beam [m]."""
+        """(n, num_beams) distance to each row's footprint's edge along each beam [m]."""
         return self._bodies.outline
 
     @property
     def limits(self) -> FloatArray:
-        """(n, 4) each row's, as ``limits_of`` gives them."""
+        """(n, 4) limits of each row as ``limits_of`` gives them."""
         return self._bodies.limits
 
     def take_bodies(self, rows: NDArray[np.int64], source: "Observer", source_rows: NDArray[np.int64]) -> None:
-        """These rows are from now on the bodies of another observer's rows, for as many beams."""
+        """Give these rows the bodies of another observer's rows; both must have as many beams."""
         for own, other in zip(self._bodies, source._bodies):
             own[rows] = other[source_rows]
 
@@ -216,18 +216,18 @@ class Observer:
         first_of: NDArray[np.int64] | None = None,
         only: NDArray[np.int64] | None = None,
     ) -> None:
-        """The next observation of every row.
+        """Make the next observation of every row.
 
         Args:
             ranges: (n, num_beams) [m]; ``inf`` or NaN where nothing came back.
             goals_in_base: (n, 2) the waypoints [m].
             twists: (n, 3) measured velocities in base_link [m/s, m/s, rad/s].
             motions: (n, 3) the base's displacement since the last call by odometry: x, y, yaw in the base frame of
-                then [m, m, rad]. Not looked at by ``paper``.
+                then [m, m, rad]. ``paper`` does not use them.
             out: (n, size), written to.
-            first_of: Only the first observation of these rows, which were reset since the last call; for the others
-                no time passes.
-            only: Leave the other rows' observations alone; they must be reset before they are looked at again.
+            first_of: Make only the first observation of these rows, which were reset since the last call; for the
+                others no time passes.
+            only: Leave the other rows' observations alone; they must be reset before they are observed again.
         """
         config, bodies, ring = self.config, self._bodies, self._ring
         if first_of is None:
@@ -245,15 +245,15 @@ class Observer:
 
 
 class PerceptObserver:
-    """Makes the observation of one robot from a percept. It remembers nothing.
+    """Makes the observation of one robot from a percept. It keeps no memory.
 
     Args:
-        config: What of.
-        body: What is driven.
-        lidar: What it sees with.
+        config: Parts of the observation.
+        body: The body that is driven.
+        lidar: The body's lidar.
 
     Raises:
-        BadArgument: As ``Observer``.
+        BadArgument: Under the conditions of ``Observer``.
     """
 
     def __init__(self, config: ObservationConfig, body: BodySpec, lidar: LidarSpec):
@@ -268,7 +268,7 @@ class PerceptObserver:
         self._observation = np.zeros(config.size, np.float32)
 
     def observe(self, percept: Percept, goal_in_base: tuple[float, float]) -> NDArray[np.float32]:
-        """The observation with this waypoint [m], (size,); valid until the next call.
+        """Make the observation with this waypoint [m], (size,); valid until the next call.
 
         Raises:
             BadArgument: If the percept does not go back far enough.
@@ -288,7 +288,7 @@ class PerceptObserver:
 
 
 def _lags_in_ticks(config: ObservationConfig, num_beams: int, rate: float) -> NDArray[np.int64]:
-    """Ages of the scans that O_m is made of, in ticks; raises BadArgument as ``Observer``."""
+    """Ages of O_m's scans in ticks; raises BadArgument under the conditions of ``Observer``."""
     if num_beams % config.sectors:
         raise BadArgument(f"{config.sectors} sectors do not divide the {num_beams} beams of the lidar evenly")
     stride = round(config.spacing * rate)
@@ -303,7 +303,7 @@ def _layout_of(config: ObservationConfig) -> _Layout:
 
 
 def _write_body(bodies: _Bodies, i: int, body: BodySpec, config: ObservationConfig) -> None:
-    """Row ``i`` is this body."""
+    """Write a body into row ``i``."""
     bodies.outline[i] = outline = outline_ranges(body.footprint, bodies.outline.shape[1])
     bodies.radii[i], bodies.reaches[i] = outline.mean(), config.max_range + outline.max()
     bodies.limits[i] = limits_of(body)
@@ -318,12 +318,12 @@ def _write_body(bodies: _Bodies, i: int, body: BodySpec, config: ObservationConf
 
 
 def limits_of(body: BodySpec) -> FloatArray:
-    """(4,) max_v_x, min_v_x, max_v_y, max_w_z [m/s, m/s, m/s, rad/s]."""
+    """Limits (4,) of a body: max_v_x, min_v_x, max_v_y, max_w_z [m/s, m/s, m/s, rad/s]."""
     return np.array([body.max_v_x, body.min_v_x, body.max_v_y, body.max_w_z])
 
 
 def command_from_action(action: NDArray[np.floating], limits: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Velocities from actions in [-1, 1]; what is beyond is clipped.
+    """Convert actions in [-1, 1] to velocities; actions beyond are clipped.
 
     Args:
         action: (..., 3) shares of the body's limits.
@@ -403,7 +403,7 @@ def _observe_percept(ranges, past, tracks, goal, twist, body, layout, workspace,
 
 @njit(cache=True, nogil=True)
 def _write_motion(i, goal, twist, bodies, layout, out):
-    """O_g, O_v, and for ``tracked`` the body's vector, of row ``i``."""
+    """Write O_g, O_v, and for ``tracked`` the body's vector, of row ``i``."""
     at = layout.goal_start
     _write_goal(goal[0], goal[1], out[at : at + GOAL_SIZE])
     at += GOAL_SIZE
@@ -439,7 +439,7 @@ def _write_goal(x, y, out):
 
 @njit(cache=True, nogil=True)
 def _pool(ranges, outline, layout, out):
-    """O_L: least clearance of each sector's beams, from [0, max_range] to [-1, 1].
+    """Write O_L: least clearance of each sector's beams, from [0, max_range] to [-1, 1].
 
     The beam on a border belongs to both sectors, which makes the mirror image of a scan that of its sectors.
     """

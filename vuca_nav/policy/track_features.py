@@ -1,6 +1,6 @@
-"""What tracks mean to a policy: how soon the body would meet one, by direction, and the most threatening ones in turn.
+"""Features of tracks for a policy: urgency of a meeting by direction, then the most threatening tracks in turn.
 
-All of it runs on hundreds of rows in training and on one in a robot.
+The kernels run on hundreds of rows in training and on one in a robot.
 """
 
 import math
@@ -13,21 +13,21 @@ from vuca_nav.perception.tracks import CERTAINTY, MAX_TRACKS, RADIUS, TRACK_SIZE
 from vuca_nav.types import FloatArray
 
 DIRECTIONS = 24
-"""Of motion that are judged, 15 degrees apart and mirror images of each other: k and 23 - k."""
+"""Number of directions of motion that are judged, 15 degrees apart; k and 23 - k are mirror images."""
 SPEEDS = (1.0, 0.5)
-"""They are judged at, as shares of the greatest."""
+"""Speeds at which directions are judged, as shares of the greatest."""
 HORIZON = 3.0
-"""Beyond which a meeting does not matter [s]: longer than a random walker keeps its mind."""
+"""Time beyond which a meeting does not matter [s]: longer than a random walk keeps its heading."""
 SLOTS = 6
-"""Tracks that are shown one by one, the most threatening first."""
+"""Number of tracks that are shown one by one, the most threatening first."""
 SLOT_SIZE = 6
-"""Position 2, velocity 2, radius, certainty."""
+"""Numbers of a slot: position 2, velocity 2, radius, certainty."""
 MEETINGS_SIZE, SHOWN_SIZE = DIRECTIONS * len(SPEEDS), 1 + SLOTS * SLOT_SIZE
 """Numbers by direction; numbers for standing still and of the slots."""
 POSITION_SCALE, VELOCITY_SCALE, RADIUS_SCALE = 4.0, 2.0, 0.5
-"""[m], [m/s], [m]"""
+"""Scales of position, velocity and radius [m, m/s, m]."""
 _FARTHEST = 1.5
-"""Positions are clipped here, in scales."""
+"""Bound that positions are clipped to, in scales."""
 _MARGIN = 0.05
 """Clearance that counts as a meeting [m]."""
 
@@ -36,15 +36,15 @@ class TrackWorkspace(NamedTuple):
     """Constants and scratch of the features."""
 
     directions: FloatArray
-    """(DIRECTIONS, 2) in base_link."""
+    """(DIRECTIONS, 2) unit vectors in base_link."""
     tracks: FloatArray
-    """(MAX_TRACKS, TRACK_SIZE)"""
+    """(MAX_TRACKS, TRACK_SIZE) scratch for tracks."""
     shown: np.ndarray
-    """(MAX_TRACKS,)"""
+    """(MAX_TRACKS,) scratch mask of the tracks that are left out or shown."""
 
     @classmethod
     def new(cls) -> "TrackWorkspace":
-        """The directions, with fresh scratch."""
+        """Make the directions and fresh scratch."""
         angles = -np.pi + (np.arange(DIRECTIONS) + 0.5) * (2.0 * np.pi / DIRECTIONS)
         directions = np.column_stack([np.cos(angles), np.sin(angles)])
         return cls(directions, np.zeros((MAX_TRACKS, TRACK_SIZE)), np.zeros(MAX_TRACKS, np.bool_))
@@ -52,7 +52,7 @@ class TrackWorkspace(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def write_features_of_rows(rows, state, body_radii, max_speeds, workspace, meetings, shown):
-    """``write_features`` for the rows of a tracker; ``meetings`` and ``shown`` have a row for each."""
+    """Call ``write_features`` for rows of a tracker; ``meetings`` and ``shown`` have a row for each."""
     for i in rows:
         count = tracks_in_base(state, i, workspace.tracks)
         write_features(workspace.tracks[:count], np.inf, body_radii[i], max_speeds[i], workspace, meetings[i], shown[i])
@@ -60,17 +60,17 @@ def write_features_of_rows(rows, state, body_radii, max_speeds, workspace, meeti
 
 @njit(cache=True, nogil=True)
 def write_features(tracks, reach, body_radius, max_speed, workspace, meetings, shown):
-    """What tracks mean to one body.
+    """Write the features of tracks for one body.
 
     Args:
         tracks: (k, TRACK_SIZE) in base_link.
-        reach: Tracks wholly beyond are left out [m].
+        reach: Distance [m]; tracks wholly beyond are left out.
         body_radius: Mean radius of the footprint [m].
-        max_speed: [m/s]
+        max_speed: Greatest speed of the body [m/s].
         workspace: Constants and scratch.
-        meetings: (MEETINGS_SIZE,), written to: 0 for a direction and speed at which nothing is met within ``HORIZON``,
-            1 for one at which it is now.
-        shown: (SHOWN_SIZE,), written to: the same for standing still, then the slots, in base_link, velocities over
+        meetings: (MEETINGS_SIZE,), written to: 0 for a direction and speed without a meeting within ``HORIZON``,
+            1 for one with a meeting now.
+        shown: (SHOWN_SIZE,), written to: the urgency for standing still, then the slots, in base_link, velocities over
             the ground.
     """
     left_out = workspace.shown
@@ -88,7 +88,7 @@ def write_features(tracks, reach, body_radius, max_speed, workspace, meetings, s
     shown[:] = 0.0
     shown[0] = _urgency(tracks, left_out, 0.0, 0.0, body_radius)
     for slot in range(SLOTS):
-        # What will be nearest in a second, were the body to stand.
+        # The tracks that will be nearest in a second if the body stands.
         best, nearest = -1, math.inf
         for k in range(len(tracks)):
             if left_out[k]:
@@ -113,7 +113,7 @@ def write_features(tracks, reach, body_radius, max_speed, workspace, meetings, s
 
 @njit(cache=True, nogil=True)
 def _urgency(tracks, left_out, u_x, u_y, body_radius):
-    """1 if something is met at once by going on at this velocity, falling to 0 if within HORIZON nothing is."""
+    """Urgency of the first meeting at this velocity: 1 for one now, falling to 0 for none within HORIZON."""
     soonest = HORIZON
     for k in range(len(tracks)):
         if left_out[k]:
@@ -129,14 +129,14 @@ def time_to_meeting(x, y, w_x, w_y, reach):
     """Time until a point that moves straight on comes within a distance of the origin.
 
     Args:
-        x: Of the point [m].
-        y: Of the point [m].
-        w_x: Its velocity relative to the origin's [m/s].
-        w_y: Its velocity relative to the origin's [m/s].
+        x: x of the point [m].
+        y: y of the point [m].
+        w_x: x of its velocity relative to the origin's [m/s].
+        w_y: y of its velocity relative to the origin's [m/s].
         reach: The distance [m].
 
     Returns:
-        [s]; 0 if it is within and comes nearer, ``inf`` if it never will be.
+        The time [s]; 0 if it is within and comes nearer, ``inf`` if it never will be.
     """
     approach = x * w_x + y * w_y
     if approach >= 0.0:  # never nearer than now

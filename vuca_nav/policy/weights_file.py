@@ -22,31 +22,31 @@ Single = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True)
 class PolicyWeights:
-    """What a weights file holds, checked."""
+    """Checked content of a weights file."""
 
     path: Path
     observation: ObservationConfig
     activation: str
-    """Of the hidden layers of experts and critic; the gate's are ReLU."""
+    """Activation of the hidden layers of experts and critic; the gate's is ReLU."""
     metadata: dict[str, str]
-    """As it is in the file: training command, seed, steps, ..."""
+    """Metadata of the file: training command, seed, steps, ..."""
     mean: Single
     scale: Single
-    """(x,) the networks see ``(observation - mean) * scale``."""
+    """(x,) scale: the networks' input is ``(observation - mean) * scale``."""
     weights: tuple[Single, ...]
-    """Three times (E, outputs, inputs)."""
+    """Three arrays (E, outputs, inputs)."""
     biases: tuple[Single, ...]
-    """Three times (E, outputs)."""
+    """Three arrays (E, outputs)."""
     gate_weights: tuple[Single, ...]
-    """(outputs, inputs), two or three times; none where E is 1."""
+    """Two or three matrices (outputs, inputs); none where E is 1."""
     gate_biases: tuple[Single, ...]
     critic_weights: tuple[Single, ...]
-    """(outputs, inputs), three times."""
+    """Three matrices (outputs, inputs)."""
     critic_biases: tuple[Single, ...]
 
     @property
     def experts(self) -> int:
-        """E."""
+        """Number E of experts."""
         return len(self.weights[0])
 
 
@@ -100,7 +100,7 @@ def load_weights(path: Path) -> PolicyWeights:
 
 
 def observation_config(path: Path, metadata: dict[str, str]) -> ObservationConfig:
-    """What the network in a file looks at.
+    """Configuration of the observation that the network in a file takes.
 
     Raises:
         BadWeights: If the file does not say.
@@ -124,7 +124,7 @@ def layer_shapes(
     layers: int,
     stack: tuple[int, ...] = (),
 ) -> dict[str, tuple[int, ...]]:
-    """What the tensors of a network must be like, given how many units the hidden layers' biases have.
+    """Shapes that the tensors of a network must have, given the number of units of the hidden layers' biases.
 
     Raises:
         BadWeights: If a hidden layer's bias is missing or empty.

@@ -1,8 +1,8 @@
-"""Futures: where moving tracks may be in the next seconds, several possibilities for all of them at once.
+"""Futures: possible positions of all moving tracks in the next seconds, several possibilities at once.
 
-When a moving obstacle turns is not known. What is known: it goes straight on until something stands in its way, now and
-then turns earlier, and then goes on in any direction that is free. So each future draws, for each track, when it turns
-and where to, from a table made once: the same scene always has the same futures.
+A moving obstacle goes straight on until an obstacle is in its way, now and then turns earlier, and then goes on in any
+free direction; the moment of a turn cannot be foreseen. So each future draws the moment and the direction of each
+track's turn from a table made once: the same scene always has the same futures.
 """
 
 import math
@@ -19,24 +19,24 @@ from vuca_nav.types import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class FuturesConfig:
-    """Number and length of the futures, and how moving obstacles turn in them."""
+    """Settings of the futures: number, length, and turns of moving obstacles."""
 
     scenarios: int = 12
-    """Futures of all tracks; in the first none turns but before what stands."""
+    """Number of futures of all tracks; in the first a track turns only before an obstacle."""
     horizon: float = 3.0
-    """[s]"""
+    """Length of a future [s]."""
     time_step: float = 0.1
     """[s]"""
     turn_rate: float = 0.1
-    """How often a moving obstacle turns for no reason that is seen [1/s]."""
+    """Rate of a moving obstacle's turns without a visible cause [1/s]."""
     free_run: float = 0.6
-    """One that turns picks a heading that is free for so far [m]."""
+    """Length that must be free along the heading after a turn [m]."""
     clearance: tuple[float, float] = (0.05, 0.6)
-    """At which one turns away from what stands, least and greatest [m]: how near it will go is not known."""
+    """Least and greatest clearance at which a moving obstacle turns away from an obstacle [m]."""
 
 
 class _Turning(NamedTuple):
-    """How moving obstacles turn, for the kernel."""
+    """Settings and draws of the turns, for the kernel."""
 
     rate: float
     free_run: float
@@ -46,7 +46,7 @@ class _Turning(NamedTuple):
 
 
 _DRAWS = 12
-"""Numbers for each track in each future: when it turns first, how near it goes, then headings to try."""
+"""Numbers for each track in each future: time of the first turn, clearance at a turn, then headings to try."""
 
 
 class Futures:
@@ -71,14 +71,14 @@ class Futures:
         self._turning = _Turning(config.turn_rate, config.free_run, *config.clearance, config.time_step)
 
     def draw(self, tracks: FloatArray, static: DistanceField) -> FloatArray:
-        """The futures of these tracks.
+        """Draw the futures of these tracks.
 
         Args:
             tracks: (k, TRACK_SIZE) in base_link.
-            static: Distance field of what stands.
+            static: Distance field of the static returns.
 
         Returns:
-            (scenarios, k, steps, 2) a view of ``positions``: where they are after 1, 2, ... time steps.
+            (scenarios, k, steps, 2) a view of ``positions``, after 1, 2, ... time steps.
         """
         _draw(tracks, static, self._draws, self._turning, self.positions)
         return self.positions[:, : len(tracks)]
@@ -86,7 +86,7 @@ class Futures:
 
 @njit(cache=True)
 def _clearance_at(field, x, y):
-    """Distance to what stands at a point [m]; 1e9 outside of the field."""
+    """Distance of a point to the static returns [m]; 1e9 outside of the field."""
     n, reach = field.fifths.shape[0], field.reach
     j, i = int((x + reach) / field.resolution), int((y + reach) / field.resolution)
     inside = x > -reach and y > -reach and i < n and j < n

@@ -1,4 +1,4 @@
-"""Rollouts: what may come of a command, the compiled part of the shield (``vuca_nav.shield.shield``)."""
+"""Rollouts of commands: the compiled part of the shield (``vuca_nav.shield.shield``)."""
 
 import math
 from typing import NamedTuple
@@ -13,15 +13,15 @@ from vuca_nav.types import FloatArray
 STAND, HEAD_OFF, BACK, AS_COMMANDED = 0.0, 1.0, 2.0, 3.0
 """Kinds of ways out."""
 _HOPELESS = 0.1
-"""So much clearance missing costs no less than more of it [m]; a little costs half as much."""
+"""Lack of clearance from which on more costs no more [m]; a little lack costs half as much."""
 _MOST_NEAR = 6
-"""Tracks that are reckoned with at a time, the nearest."""
+"""Number of tracks that are taken into account at a time, the nearest."""
 _NEAR_MARGIN = 0.3
-"""Tracks that come no nearer than the margin and this in any future are left out [m]."""
+"""Distance beyond the margin within which a track must come in some future to be taken into account [m]."""
 _OWN_RETURNS = 0.15
 """Returns this near to a moving track's circle are its own [m]."""
 _TURN_GAIN = 4.0
-"""Of the turn towards a way out [1/s]."""
+"""Gain of the turn towards a way out [1/s]."""
 _AT_HORIZON = 0.25
 """Harm at the horizon over the same harm now."""
 _CHAMFER_LEAST = 0.98
@@ -29,21 +29,21 @@ _CHAMFER_LEAST = 0.98
 _TIE = 1e-9
 """Costs that differ by less are alike."""
 _NEARER = 1e-3
-"""So much nearer to an obstacle than now counts as standing in its way [m]."""
+"""Loss of clearance from now on at which an obstacle is in the way [m]."""
 _OBEY = np.array([AS_COMMANDED, 0.0, 1.0, 0.0])
 _MOST_POSES = 256
-"""Of a braking rollout; it ends there."""
+"""Greatest number of poses of a braking rollout; it ends there."""
 
 
 class ShieldSettings(NamedTuple):
-    """What rollouts depend on of body and configuration; see ``ShieldConfig`` for the fields of the same names."""
+    """Settings of rollouts, from body and configuration; see ``ShieldConfig`` for the fields of the same names."""
 
     limits: FloatArray
-    """(4,) max_v_x, min_v_x, max_v_y, max_w_z [m/s, m/s, m/s, rad/s]."""
+    """(4,) limits max_v_x, min_v_x, max_v_y, max_w_z [m/s, m/s, m/s, rad/s]."""
     accelerations: FloatArray
-    """(3,) [m/s^2, m/s^2, rad/s^2]"""
+    """(3,) greatest accelerations [m/s^2, m/s^2, rad/s^2]."""
     discs: FloatArray
-    """(k, 3) that cover the footprint: x, y, radius [m]."""
+    """(k, 3) discs that cover the footprint: x, y, radius [m]."""
     size: float
     """Radius of the circle about base_link that encloses the discs [m]."""
     time_step: float
@@ -59,37 +59,37 @@ class ShieldSettings(NamedTuple):
 
 
 class ShieldScene(NamedTuple):
-    """What surrounds the robot at a tick."""
+    """Obstacles and tracks about the robot at a tick."""
 
     static: DistanceField
-    """Of the returns that stand."""
+    """Distance field of the static returns."""
     whole: DistanceField
-    """Of all returns."""
+    """Distance field of all returns."""
     tracks: FloatArray
-    """(k, TRACK_SIZE) of the moving ones, where they are when the body answers."""
+    """(k, TRACK_SIZE) moving tracks at the moment when the body answers."""
     futures: FloatArray
-    """(scenarios, k, steps, 2) of them, in base_link [m]."""
+    """(scenarios, k, steps, 2) futures of the tracks, in base_link [m]."""
     near: np.ndarray
     """Indices of the tracks that may be met, as ``what_may_be_met`` gives them."""
 
 
 class BodyState(NamedTuple):
-    """Where the body is, in the present base_link, when it answers a command, and what it does then."""
+    """Pose, in the present base_link, and velocity of the body when it answers a command."""
 
     x: float
     y: float
     yaw: float
     cos: float
-    """Of the yaw."""
+    """Cosine of the yaw."""
     sin: float
-    """Of the yaw."""
+    """Sine of the yaw."""
     v_x: float
     v_y: float
     w_z: float
 
 
 class WaysOut(NamedTuple):
-    """What the body may do after the first segment."""
+    """Motions that the body may choose from after the first segment."""
 
     ways: FloatArray
     """(m, 4) kind, its number (a direction of the present base_link [rad], or the share of the greatest turn), and the
@@ -112,7 +112,7 @@ def select_moving(tracks, speed, certainty, out):
 
 @njit(cache=True)
 def without_tracks(ranges, beams, tracks, out):
-    """The scan without the returns of these tracks, into ``out`` (num_beams,) [m]."""
+    """Write the scan without the returns of these tracks to ``out`` (num_beams,) [m]."""
     for b in range(len(ranges)):
         out[b] = ranges[b] if ranges[b] < np.inf else np.inf
         x, y = ranges[b] * beams[b, 0], ranges[b] * beams[b, 1]
@@ -126,15 +126,15 @@ def without_tracks(ranges, beams, tracks, out):
 def stops_clear(ranges, beams, command, state, settings, blur):
     """Whether the body surely has clearance to obey a command for ``hold`` and then to brake, by the scan alone.
 
-    If so, ``_lack_of_clearance`` is 0 by any field of this scan; if not, the field has to tell.
+    If so, ``_lack_of_clearance`` is 0 by any field of this scan; if not, the field decides.
 
     Args:
-        ranges: (num_beams,) [m]
-        beams: (num_beams, 2)
+        ranges: (num_beams,) ranges of the scan [m].
+        beams: (num_beams, 2) directions in base_link.
         command: v_x, v_y, w_z.
         state: A ``BodyState``.
-        settings: ``ShieldSettings``.
-        blur: How much nearer a return may be in a field, ``DistanceField.uncertainty`` [m].
+        settings: A ``ShieldSettings``.
+        blur: Greatest error of a field, ``DistanceField.uncertainty`` [m].
     """
     poses = np.empty((_MOST_POSES, 4))
     farthest, count, t, body, dt = 0.0, 0, 0.0, state, 0.5 * settings.time_step
@@ -169,12 +169,12 @@ def cheapest(candidates, state, scene, ways_out, settings, guess):
     """Index of the cheapest candidate; the one nearest to the first if several are.
 
     Args:
-        candidates: (n, 3) the first is the policy's command.
+        candidates: (n, 3) commands; the first is the policy's.
         state: A ``BodyState``.
         scene: A ``ShieldScene``.
-        ways_out: ``WaysOut``.
-        settings: ``ShieldSettings``.
-        guess: A candidate that may well be cheap: what costs more than it needs no closer look.
+        ways_out: A ``WaysOut``.
+        settings: A ``ShieldSettings``.
+        guess: A candidate that is probably cheap: those that cost more need no closer look.
     """
     now = _clearance(scene.static, settings, state)
     whole_now = _clearance(scene.whole, settings, state)
@@ -204,7 +204,7 @@ def _clearance(field, settings, state):
 
 @njit(cache=True)
 def _cost(command, change, most, state, scene, ways_out, settings, clearances_now):
-    """What a candidate costs; if it is ``most`` or more, some number of that size."""
+    """Cost of a candidate; a cost of ``most`` or more is only some number of at least ``most``."""
     cost = change
     lack = _lack_of_clearance(command, state, scene, settings, clearances_now)
     if lack > 0.0:
@@ -217,7 +217,7 @@ def _cost(command, change, most, state, scene, ways_out, settings, clearances_no
 
 @njit(cache=True)
 def _changes(candidates, settings):
-    """What each candidate's difference from the first costs."""
+    """Cost of each candidate's difference from the first."""
     limits = settings.limits
     change = np.empty(len(candidates))
     for n in range(len(candidates)):
@@ -250,9 +250,9 @@ def what_may_be_met(tracks, futures, state, settings):
 
 @njit(cache=True)
 def _risk(command, state, scene, ways_out, settings, now, most):
-    """Mean over the futures of the harm that comes even of what is best after the first segment.
+    """Mean over the futures of the harm of the best way out after the first segment.
 
-    It is added up only as far as to ``most``: beyond it, another candidate is better anyway.
+    The sum stops at ``most``: beyond it, another candidate is better anyway.
     """
     futures, ways, trajectories, near = scene.futures, ways_out.ways, ways_out.trajectories, scene.near
     steps = futures.shape[2]
@@ -315,7 +315,7 @@ def _brake(state, command, held, accelerations, dt):
 
 @njit(cache=True)
 def _roll_out(way, command, state, static, settings, now, trajectory):
-    """Positions, cosine and sine of the heading on a way, into ``trajectory``; the body stands before what stands.
+    """Write positions, cosine and sine of the heading on a way to ``trajectory``; the body stops before obstacles.
 
     Returns:
         The state at the end.
@@ -352,7 +352,7 @@ def _roll_out(way, command, state, static, settings, now, trajectory):
 
 @njit(cache=True, fastmath=True)
 def _harm(future, tracks, near, trajectory, first, end, settings):
-    """What comes of it from one step to another: 1 for touching now, less the later, and less for only coming near."""
+    """Harm from one step to another: 1 for touching now, less the later, and less for only coming near."""
     discs, dt = settings.discs, settings.time_step
     harm = 0.0
     for step in range(first, end):
@@ -376,7 +376,7 @@ def _harm(future, tracks, near, trajectory, first, end, settings):
 
 @njit(cache=True)
 def _lack_of_clearance(command, state, scene, settings, clearances_now):
-    """How much clearance is missing to go on so for ``hold`` and then come to a stand, 0 if none is [m]."""
+    """Clearance that is missing to obey a command for ``hold`` and then brake, 0 if none is [m]."""
     now, whole_now = clearances_now
     body, dt = state, 0.5 * settings.time_step
     t, lack = 0.0, 0.0

@@ -1,11 +1,11 @@
 """A shield over a local policy: its command goes through unless it is likely to end in a collision.
 
-Every command that the body can be given is judged by what may come of it: the body obeys for ``segment`` seconds, and
-then does what is best in each of several futures of what moves (``vuca_nav.shield.futures``): heads off somewhere,
-backs, or stands. That it will know by then which future it is in is the optimism of "hindsight" planning (Chong, Givan
-and Chang 2000: "A framework for simulation-based network control via hindsight optimization"); that it must decide now,
-for all futures, what to do first keeps it away from where only some of them end well. Of all commands the one is taken
-that costs least: for what it differs from the policy's, what clearance to brake it lacks, and the mean harm of the
+Every command that the body can be given is judged by its rollouts: the body obeys for ``segment`` seconds, and then
+takes the best way out in each of several futures of the tracks (``vuca_nav.shield.futures``): it heads off somewhere,
+backs, or stands. That the future is known by then is the optimism of "hindsight" planning (Chong, Givan
+and Chang 2000: "A framework for simulation-based network control via hindsight optimization"); that one command is
+chosen now for all futures keeps the body away from places where only some of them end well. The command with the least
+cost is taken: for its difference from the policy's, the clearance to brake that it lacks, and the mean harm of the
 futures.
 """
 
@@ -42,64 +42,63 @@ from vuca_nav.types import STOP, BodySpec, FloatArray, LidarSpec, Pose2, Velocit
 
 @dataclass(frozen=True, slots=True)
 class ShieldConfig:
-    """Costs are relative to that of changing v_x by its whole range, which costs 4."""
+    """Settings of the shield. Costs are relative: changing v_x by its whole range costs 4."""
 
     num_v_x: int = 7
     num_v_y: int = 3
-    """Only of bodies that go sideways."""
+    """Number of lateral velocities that are tried, for bodies that go sideways."""
     num_w_z: int = 9
     num_ways_out: int = 12
-    """Directions to head off in after the first segment."""
+    """Number of directions to head off in after the first segment."""
     segment: float = 0.4
-    """For so long the command is obeyed [s]; then the futures are known."""
+    """Time for which the command is obeyed [s]; then the futures are known."""
     futures: FuturesConfig = field(default_factory=FuturesConfig)
     hold: float = 0.2
-    """A command must leave clearance to brake after so long: until then nothing else may be done [s]."""
+    """Time after which a command must leave clearance to brake [s]: until then the body can do nothing else."""
     caution: float = 0.3
-    """For so long whatever returned a beam is taken to stand: the corner of a wall may pass for a moving track [s]."""
+    """Time for which every return is taken to stand [s]: the corner of a wall may pass for a moving track."""
     margin: float = 0.05
-    """Added to the footprint against what stands: range noise and the field's cells [m]."""
+    """Inflation of the footprint against static returns [m]: range noise and the field's cells."""
     mover_margin: float = 0.25
-    """Added to the footprint against what moves [m] ..."""
+    """Inflation of the footprint against moving tracks [m]."""
     mover_growth: float = 0.03
-    """... and so much more for every second ahead [m/s]."""
+    """Growth of that inflation with every second ahead [m/s]."""
     risk_weight: float = 40.0
-    """Cost of meeting something now in all futures, or of having no clearance to brake; a quarter of it at the
-    horizon."""
+    """Cost of a meeting now in all futures, or of having no clearance to brake; a quarter of it at the horizon."""
     turn_weight: float = 0.5
     """Cost of changing w_z by its limit."""
     side_weight: float = 0.5
     """Cost of changing v_y by its limit."""
     moving: float = 0.25
-    """A slower track is taken to stand [m/s]."""
+    """Speed below which a track is taken to stand [m/s]."""
     certainty: float = 0.6
-    """A track of less is taken to stand: one that was seen three times in a row has more."""
+    """Certainty below which a track is taken to stand: one that was seen three times in a row has more."""
     reach: float = 4.0
-    """Half side of the distance field of what stands [m]."""
+    """Half side of the distance field of static returns [m]."""
     resolution: float = 0.05
     """Side of its cells [m]."""
     far_reach: float = 8.0
-    """The same for where moving tracks may go [m]."""
+    """Half side of the distance field that futures are drawn on [m]."""
     far_resolution: float = 0.1
-    """[m]"""
+    """Side of that field's cells [m]."""
 
     def __post_init__(self) -> None:
-        """Raises BadArgument for what is out of its range."""
+        """Raise BadArgument for a setting out of its range."""
         if self.mover_margin <= 0.0 or self.mover_growth < 0.0:
             raise BadArgument(f"mover_margin must be positive and mover_growth 0 or more, got {self}")
 
 
 _NONE = np.empty(0, np.int64)
 _BACKWARDS = (-1.0, 0.0, 1.0)
-"""Ways out backwards: turns, over the greatest."""
+"""Turns of the ways out backwards, as shares of the greatest."""
 
 
 class CommandFilter:
-    """Decides on the commands of one kind of body. What it decides does not depend on what it decided before.
+    """Filters the commands of one kind of body. Its decisions do not depend on earlier ones.
 
     Args:
-        body: What is driven.
-        lidar: What it sees with.
+        body: The body that is driven.
+        lidar: The body's lidar.
         config: Settings.
     """
 
@@ -133,10 +132,10 @@ class CommandFilter:
         """The wanted command, or the one that costs least.
 
         Args:
-            wanted: By the policy.
-            last: What the body does when this is answered.
-            start: Where it is then, in base_link.
-            percept: This tick's.
+            wanted: Command of the policy.
+            last: Velocity of the body when the command is answered.
+            start: Pose of the body then, in base_link.
+            percept: The percept of this tick.
         """
         c, settings, ranges, beams = self._config, self._settings, percept.scan.ranges, self._beams_in_base
         state = BodyState(*start, math.cos(start.yaw), math.sin(start.yaw), *last)
@@ -162,10 +161,10 @@ class CommandFilter:
 
 
 def ways_out(num_directions: int) -> FloatArray:
-    """What the body may do after the first segment.
+    """Motions that the body may choose from after the first segment.
 
     Args:
-        num_directions: To head off in.
+        num_directions: Number of directions to head off in.
 
     Returns:
         (m, 4) as ``WaysOut.ways``: stand, head off, straight ahead first, or back.
@@ -180,9 +179,9 @@ class Shield(LocalPolicy):
     """Filters another policy's commands. It stands while the percept is not valid, whatever the policy says.
 
     Args:
-        body: What is driven.
-        lidar: What it sees with.
-        policy: Whose commands are filtered.
+        body: The body that is driven.
+        lidar: The body's lidar.
+        policy: The policy that is filtered.
         config: Settings.
         command_filter: Shared with other shields of the same body, lidar and settings; by default one of its own.
     """

@@ -1,1 +1,1 @@
-"""What a run tells about itself: the interface, and the recorder for Rerun beneath it."""
+"""Telemetry of a run: the interface, and the recorder for Rerun beneath it."""

@@ -1,6 +1,6 @@
-"""What a run tells about itself. One interface: this base class ignores everything, a recorder overrides it.
+"""Interface of a run's telemetry: the base class ignores everything, a recorder overrides it.
 
-The stack and the simulation call these unconditionally; nothing in them asks whether anybody listens.
+The stack and the simulation call its methods unconditionally, with or without a recorder.
 Arguments are borrowed: an implementation that keeps an array copies it.
 """
 
@@ -22,9 +22,9 @@ class SceneShape:
     kind: str
     """"box" or "cylinder"."""
     half_size: tuple[float, float, float]
-    """Of a box along its own axes; radius, radius, half height of a cylinder [m]."""
+    """Half sizes of a box along its own axes; radius, radius, half height of a cylinder [m]."""
     centre: tuple[float, float, float]
-    """In the world, or in the mover's frame [m]."""
+    """Centre in the world, or in the mover's frame [m]."""
     yaw: float
     """[rad]"""
     category: str
@@ -46,24 +46,24 @@ class MeshPart:
 
 @dataclass(frozen=True, slots=True)
 class FrontierView:
-    """The candidates of one decision of the explorer, best first is not required."""
+    """The candidates of one decision of the explorer, in any order."""
 
     points_in_map: FloatArray
-    """(n, 2) [m]"""
+    """(n, 2) candidates [m]."""
     goal_term: FloatArray
-    """(n,) D^h more than the best has [m]."""
+    """(n,) excess of D^h over the least [m]."""
     safety_term: FloatArray
-    """(n,) what V^h costs more than the safest, gamma times [m]."""
+    """(n,) gamma times the lack of V^h below the safest [m]."""
     score: FloatArray
-    """(n,) their sum, what is minimised [m]."""
+    """(n,) sum of both terms, which is minimised [m]."""
     chosen: int
-    """Index of the chosen one, -1 if none."""
+    """Index of the chosen candidate, -1 if none."""
 
 
 class Telemetry:
-    """Ignores everything."""
+    """Telemetry that ignores everything."""
 
-    # -- the simulation's side: what is true -------------------------------------------------------
+    # -- the simulation's side: the true state -------------------------------------------------------
 
     def scene(
         self,
@@ -80,33 +80,33 @@ class Telemetry:
         """The parts of the moving obstacles, once; their poses follow with ``movers``."""
 
     def time(self, seconds: float) -> None:
-        """Everything that follows happened at this time of the simulation or robot clock [s]."""
+        """Set the time of everything that follows, by the simulation or robot clock [s]."""
 
     def robot_parts(self, positions: FloatArray, quaternions: FloatArray) -> None:
         """True poses of the robot's parts in the world: (n, 3) [m] and (n, 4) as w, x, y, z."""
 
     def true_pose(self, world_from_base: Pose2) -> None:
-        """Where the robot really is."""
+        """True pose of the robot."""
 
     def movers(self, poses: FloatArray) -> None:
         """True poses of the movers' parts: (n, 3) x, y, yaw in the world; centre heights are static."""
 
-    # -- the stack's side: what it knows and wants -------------------------------------------------
+    # -- the stack's side: estimates and decisions -------------------------------------------------
 
     def scan(self, scan: Scan, points_in_map: FloatArray) -> None:
         """The returns of one scan as the stack places them, (n, 2) [m]."""
 
     def estimated_pose(self, map_from_base: Pose2, map_from_base_by_odometry: Pose2) -> None:
-        """Where SLAM, and where dead reckoning, believes the robot is."""
+        """Poses of the robot by SLAM and by dead reckoning."""
 
     def map_correction(self, map_correction: Pose2) -> None:
-        """The map has moved in itself: what was drawn into it, trails too, moves by this transform."""
+        """A correction of the map: everything drawn into it, trails too, moves by this transform."""
 
     def grid(self, grid: OccupancyGrid) -> None:
-        """The navigation grid as it is now; ``grid.probability()`` is what one would draw."""
+        """The present navigation grid; ``grid.probability()`` is meant for drawing."""
 
     def entropy(self, entropy: float) -> None:
-        """Of the map, against an unseen one (Section III-C) [nat]."""
+        """Entropy of the map, against an unseen one (Zhang et al., Section III-C) [nat]."""
 
     def frontiers(self, view: FrontierView) -> None:
         """One decision of the explorer."""
@@ -115,10 +115,10 @@ class Telemetry:
         """The planned path, (n, 2) [m]; empty if there is none."""
 
     def waypoint(self, point_in_map: tuple[float, float]) -> None:
-        """What the local policy heads for [m]."""
+        """The waypoint that the local policy heads for [m]."""
 
     def command(self, command: VelocityCommand) -> None:
-        """What the local policy asks of the body."""
+        """The local policy's command to the body."""
 
     def gate(self, shares: FloatArray) -> None:
         """Shares of the local policy's experts in the command of this tick, (E,); they add up to 1."""
@@ -131,7 +131,7 @@ class Telemetry:
         """
 
     def event(self, text: str, level: str = "INFO") -> None:
-        """Something an engineer will look for: a trigger, a recovery, a collision.
+        """An event of interest to an engineer: a trigger, a recovery, a collision.
 
         Args:
             text: One line.
@@ -139,7 +139,7 @@ class Telemetry:
         """
 
     def wait(self) -> None:
-        """After the run, before ``close``: return once nobody watches it through this process any more."""
+        """Return once no viewer needs this process any more; call it after the run, before ``close``."""
 
     def close(self) -> None:
         """Flush and release."""

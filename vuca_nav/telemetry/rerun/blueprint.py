@@ -1,6 +1,6 @@
-"""What a recording looks like in the Rerun viewer: entity colours, the layout of the panels, and a legend.
+"""Look of a recording in the Rerun viewer: entity colours, the layout of the panels, and a legend.
 
-One meaning a colour family: green is true, blue is believed, orange is dead reckoning, magenta and violet are
+A colour family has one meaning: green is true, blue is estimated, orange is dead reckoning, magenta and violet are
 wanted, cyan and red are sensed, gold is the goal.
 """
 
@@ -48,15 +48,15 @@ CATEGORY_COLOURS: dict[str, Colour] = {
 OTHER_CATEGORY: Colour = (180, 180, 180)
 
 UNSEEN = 105
-"""Grey of the unknown in the map, and of what surrounds it; the free is lighter and the occupied darker."""
+"""Grey of unknown cells in the map, and around it; free ones are lighter and occupied ones darker."""
 
 LEVEL_COLOURS: dict[str, Colour] = {"INFO": (170, 190, 210), "WARN": (255, 190, 60), "ERROR": (255, 70, 70)}
 
 ARC_DURATION = 2.0
-"""How long the drawn command is held [s]."""
+"""Time for which the drawn command is held [s]."""
 
 PLOT_WINDOW = 20.0
-"""How far back the plots of what changes quickly reach [s]."""
+"""Time that the plots of fast signals reach back [s]."""
 
 POSES: tuple[tuple[str, Colour], ...] = (
     ("/world/robot/base", TRUE),
@@ -70,7 +70,7 @@ TRAILS: tuple[tuple[str, Colour], ...] = (
     ("/map/trail/estimate", BELIEVED),
     ("/map/trail/odometry", DEAD_RECKONING),
 )
-"""Entity path and colour of where each of them has been."""
+"""Entity path and colour of each pose's trail."""
 
 SERIES: tuple[tuple[str, str, Colour], ...] = (
     ("/plots/command/v_x", "v_x forward [m/s]", (80, 200, 255)),
@@ -85,7 +85,7 @@ SERIES: tuple[tuple[str, str, Colour], ...] = (
 """Entity path, name and colour of each curve."""
 
 EXPERT_COLOURS: tuple[Colour, ...] = ((90, 170, 255), (60, 200, 130), (255, 150, 60), (235, 90, 170))
-"""Of the curves of the experts' shares; a fifth has the first's again."""
+"""Colours of the curves of the experts' shares; a fifth has the first's again."""
 
 LEGEND = f"""
 **What the robot knows**: its own map from above; white is free, black occupied, grey not seen yet.
@@ -116,7 +116,7 @@ lead through something that is there (not seen yet, or moving)? Was red ahead, a
 """
 
 _FIELD_OF_VIEW = math.radians(55.0)
-"""Vertical, of the viewer's camera: the default of re_view_spatial's orbital eye."""
+"""Vertical field of view of the viewer's camera: the default of re_view_spatial's orbital eye."""
 _NARROWEST = 0.85
 """Width over height down to which the view from above still shows the whole scene; in a window of 16:10 it has 0.93."""
 
@@ -125,7 +125,7 @@ def blueprint(bounds: Bounds | None, *, gate: bool = False, safety: bool = False
     """The layout of the panels.
 
     Args:
-        bounds: What the view from above must show; None if there is no true scene, as on a robot: the views
+        bounds: Area that the view from above must show; None without a true scene, as on a robot: the views
             then follow the estimate.
         gate: Whether there are shares of experts to plot.
         safety: Whether there are maps of the critic's safety value.

@@ -1,4 +1,4 @@
-"""How things become Rerun archetypes: solids, meshes, the map, trails, frontiers, arcs."""
+"""Rerun archetypes of a recording's entities: solids, meshes, the map, trails, frontiers, arcs."""
 
 import math
 from collections.abc import Sequence
@@ -22,9 +22,9 @@ from vuca_nav.telemetry.rerun.blueprint import (
 from vuca_nav.types import FloatArray, Pose2, VelocityCommand
 
 _CLASS_BOUNDS = (0.48, 0.52)
-"""Occupancy probability between which a cell counts as unknown (Section III-C)."""
+"""Occupancy probability between which a cell counts as unknown (Zhang et al., Section III-C)."""
 _LEVELS = 8
-"""Of free and of occupied in a recorded map: fewer distinct bytes compress several times better."""
+"""Number of greys, free and occupied alike, in a recorded map: fewer distinct bytes compress several times better."""
 
 
 def _greys() -> NDArray[np.uint8]:
@@ -51,8 +51,8 @@ def grid_map(greys: NDArray[np.uint8], resolution: float, origin: tuple[float, f
     """The seen part of a map as an archetype; None if nothing was seen.
 
     Args:
-        greys: (rows y, columns x) as of ``greys_of``.
-        resolution: [m]
+        greys: (rows y, columns x) result of ``greys_of``.
+        resolution: Side of a cell [m].
         origin: Lower-left corner [m].
     """
     seen = greys != UNSEEN
@@ -73,7 +73,7 @@ def grid_map(greys: NDArray[np.uint8], resolution: float, origin: tuple[float, f
 
 
 def safety_grid(safety: SafetyMap) -> rr.GridMap | None:
-    """Chances as colours, from an even one or less (dark) to certainty (bright); None if all are alike."""
+    """V^h as colours, from an even chance or less (dark) to certainty (bright); None if all are alike."""
     values = safety.values
     if values.min() == values.max():
         return None
@@ -95,7 +95,7 @@ class Solids:
 
     Args:
         path: Entity path.
-        shapes: What they are; a pose's height above the floor is the shape's own.
+        shapes: The shapes; a pose's height above the floor is the shape's own.
     """
 
     def __init__(self, path: str, shapes: Sequence[SceneShape]):
@@ -106,7 +106,7 @@ class Solids:
         self._heights = np.array([s.centre[2] for s in shapes])
 
     def log_model(self, stream: rr.RecordingStream, fill_mode: rr.components.FillMode) -> None:
-        """Sizes and colours, static."""
+        """Log sizes and colours, static."""
         half = np.array([s.half_size for s in self._shapes]).reshape(-1, 3)
         colours = np.array([CATEGORY_COLOURS.get(s.category, OTHER_CATEGORY) for s in self._shapes], dtype=np.uint8)
         if len(self._boxes):
@@ -124,7 +124,7 @@ class Solids:
             stream.log(f"{self._path}/cylinders", cylinders, static=True)
 
     def log_poses(self, stream: rr.RecordingStream, poses: FloatArray, *, static: bool = False) -> None:
-        """Where they are, (n, 3) as x, y, yaw [m, rad]."""
+        """Log their poses, (n, 3) as x, y, yaw [m, rad]."""
         centres = np.column_stack([poses[:, :2], self._heights])
         if len(self._boxes):
             half_yaw = poses[self._boxes, 2] / 2.0
@@ -138,15 +138,15 @@ class Solids:
 
 
 class Trail:
-    """Where a pose has been, thinned out.
+    """Trail of a pose, thinned out.
 
     Args:
-        colour: Of the line.
+        colour: Colour of the line.
         z: Height above the floor [m].
     """
 
     _SPACING = 0.2
-    """Between vertices [m]."""
+    """Distance between vertices [m]."""
 
     def __init__(self, colour: Colour, z: float):
         self._colour, self._z = colour, z
@@ -154,19 +154,19 @@ class Trail:
         self._last: Pose2 | None = None
 
     def extend(self, pose: Pose2) -> None:
-        """The pose is here now."""
+        """Add the present pose."""
         self._last = pose
         if not self._kept or distance(self._kept[-1], pose) >= self._SPACING:
             self._kept.append(pose)
 
     def move(self, map_correction: Pose2) -> None:
-        """The map has moved: what was drawn into it moves along."""
+        """Move the trail along with the map."""
         self._kept = [compose(map_correction, pose) for pose in self._kept]
         if self._last is not None:
             self._last = compose(map_correction, self._last)
 
     def strip(self) -> rr.LineStrips3D:
-        """From the start to where it is now."""
+        """The line from the start to the present pose."""
         poses = self._kept if self._last is None else [*self._kept, self._last]
         points = at_height(np.array(poses, dtype=np.float64).reshape(-1, 3)[:, :2], self._z)
         return rr.LineStrips3D([points], colors=self._colour, radii=rr.Radius.ui_points(1.2))
@@ -189,12 +189,12 @@ def labelled_frontiers(view: FrontierView, which: Sequence[int], z: float) -> rr
 
 
 def floating_labels(points: FloatArray, labels: Sequence[str]) -> rr.Points3D:
-    """Words at points, without a point."""
+    """Labels at points whose marks are not drawn."""
     return rr.Points3D(points, colors=LABEL, radii=0.0, labels=labels, show_labels=True)
 
 
 def _score_colours(score: FloatArray) -> NDArray[np.uint8]:
-    """Between those of the best and of the worst, (n, 3)."""
+    """Colours between those of the best and the worst score, (n, 3)."""
     if len(score) == 0:
         return np.empty((0, 3), dtype=np.uint8)
     spread = float(np.ptp(score))
@@ -204,7 +204,7 @@ def _score_colours(score: FloatArray) -> NDArray[np.uint8]:
 
 
 def copy_of(view: FrontierView) -> FrontierView:
-    """The same decision in arrays of its own."""
+    """Copy a decision into arrays of its own."""
     return FrontierView(
         view.points_in_map.copy(),
         view.goal_term.copy(),
@@ -224,14 +224,14 @@ def transform(parent_from_child: Pose2) -> rr.Transform3D:
 
 
 def heading_arrow(colour: Colour, z: float) -> rr.Arrows3D:
-    """A metre ahead along x."""
+    """An arrow of one metre along x."""
     return rr.Arrows3D(
         origins=[[0.0, 0.0, z]], vectors=[[1.0, 0.0, 0.0]], radii=rr.Radius.ui_points(4.0), colors=colour
     )
 
 
 def vertex_normals(vertices: NDArray[np.float32], faces: NDArray[np.uint32]) -> NDArray[np.float32]:
-    """Unit normals (n, 3) for shading: of the faces about each vertex, weighted by their areas."""
+    """Unit normals (n, 3) for shading: the mean of the faces about each vertex, weighted by area."""
     corners = vertices[faces]  # (m, 3 corners, 3)
     face_normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = np.zeros_like(vertices)
@@ -253,7 +253,7 @@ def ring(centre: tuple[float, float], radius: float, z: float) -> FloatArray:
 
 
 def command_arc(command: VelocityCommand, duration: float, z: float) -> FloatArray:
-    """Where base_link's origin goes if the command is obeyed at once and held, in base_link, (n, 3) [m].
+    """Path of base_link's origin if the command is obeyed at once and held, in base_link, (n, 3) [m].
 
     The integral of the turning velocity: from ``v_x`` it is ``v_x sin(wt)/w, v_x (1 - cos(wt))/w``.
     """

@@ -26,31 +26,31 @@ from vuca_nav.telemetry.rerun.writer import MARK_HEIGHT, Writer
 from vuca_nav.types import FloatArray, Pose2, Scan, VelocityCommand
 
 _POSE_PERIOD = 0.1
-"""Bodies, poses, scan: 10 Hz is smooth to the eye and a third of the lidar's rate [s]."""
+"""Period of bodies, poses and scan [s]: 10 Hz is smooth to the eye and a third of the lidar's rate."""
 _PLOT_PERIOD = 1.0 / 30.0
-"""Commands, at the rate they are given [s]."""
+"""Period of the command plots [s]: the rate of commands."""
 _SLOW_PERIOD = 1.0
-"""The map and the trails, the heaviest things in a recording [s]."""
+"""Period of the map and the trails, the largest parts of a recording [s]."""
 _STATUS_PERIOD = 0.5
-"""[s]"""
+"""Period of the status text [s]."""
 _SAFETY_PERIOD = 5.0
-"""Between two maps of V^h, which are made at decisions of the explorer [s]."""
+"""Least time between two maps of V^h, which are made at decisions of the explorer [s]."""
 _SAFETY_HALF, _SAFETY_RESOLUTION = 8.0, 0.25
-"""Half side of the square about the robot that they show, and between two of their points [m]."""
+"""Half side of the square about the robot that maps of V^h show, and side of their cells [m]."""
 _CHOSEN_RADIUS = 0.6
 """Radius of the ring about the chosen frontier [m]; that about the goal is the task's tolerance."""
 _WANTED_HEIGHT, _TRAIL_HEIGHT = 0.08, 0.04
-"""Above the map, so that one does not hide the other [m]."""
+"""Heights above the map, so that lines do not hide one another [m]."""
 
 
 class RerunTelemetry(Telemetry):
-    """Writes everything it is told to a ``RecordingStream``, at rates that keep a recording small.
+    """Writes a run to a ``RecordingStream``, at rates that keep a recording small.
 
     Made by ``record``, ``spawn`` or ``serve``.
 
     Args:
-        stream: Where to.
-        title: Of the recording, shown in the viewer.
+        stream: The stream that is written to.
+        title: Title of the recording, shown in the viewer.
         served: Whether viewers get the stream from this process, so that ``wait`` has to keep it alive.
     """
 
@@ -71,7 +71,7 @@ class RerunTelemetry(Telemetry):
 
     @classmethod
     def record(cls, path: str | os.PathLike[str], *, title: str) -> "RerunTelemetry":
-        """Into an ``.rrd`` file; an existing one is overwritten.
+        """Record into an ``.rrd`` file; an existing one is overwritten.
 
         Raises:
             BadArgument: The file cannot be written.
@@ -80,7 +80,7 @@ class RerunTelemetry(Telemetry):
 
     @classmethod
     def spawn(cls, *, title: str) -> "RerunTelemetry":
-        """Into a viewer window, which stays open when the run is over.
+        """Record into a viewer window, which stays open when the run is over.
 
         Raises:
             BadArgument: There is no display, or the viewer does not start.
@@ -89,7 +89,7 @@ class RerunTelemetry(Telemetry):
 
     @classmethod
     def serve(cls, *, title: str, open_browser: bool = True) -> "RerunTelemetry":
-        """Into a web viewer; its address is printed to stderr. Call ``wait`` before ``close``.
+        """Record into a web viewer; its address is printed to stderr. Call ``wait`` before ``close``.
 
         Raises:
             BadArgument: The server does not start.
@@ -99,7 +99,7 @@ class RerunTelemetry(Telemetry):
         return cls(stream, title=title, served=True)
 
     def wait(self) -> None:
-        """Return once nobody needs this process any more: a served recording at Ctrl-C, any other at once."""
+        """Return once no viewer needs this process any more: a served recording at Ctrl-C, any other at once."""
         if not self._served or self._closed:
             return
         self._writer.stream.flush()
@@ -122,7 +122,7 @@ class RerunTelemetry(Telemetry):
         self._writer.stream.flush()
         self._writer.stream.disconnect()
 
-    # -- the simulation's side: what is true -------------------------------------------------------
+    # -- the simulation's side: the true state -------------------------------------------------------
 
     def scene(self, shapes: Sequence[SceneShape], bounds: look.Bounds, goal: tuple[float, float]) -> None:
         """The static obstacles, once."""
@@ -156,13 +156,13 @@ class RerunTelemetry(Telemetry):
         self._movers.log_model(self._writer.stream, rr.components.FillMode.Solid)
 
     def time(self, seconds: float) -> None:
-        """Everything that follows happened at this time of the simulation or robot clock [s]."""
+        """Set the time of everything that follows, by the simulation or robot clock [s]."""
         if seconds != self._status.time and self._writer.due("status", _STATUS_PERIOD):
             self._log_status()  # of the tick that ends here, which is now complete
         if self._began is None:
             self._began = seconds
         elif seconds != self._began:
-            self._send_blueprint()  # the first tick has shown what there is to lay out
+            self._send_blueprint()  # the first tick has shown which panels there are
         self._status.time = seconds
         self._writer.set_time(seconds)
 
@@ -175,7 +175,7 @@ class RerunTelemetry(Telemetry):
             self._writer.log(path, rr.Transform3D(translation=position, quaternion=rotation))
 
     def true_pose(self, world_from_base: Pose2) -> None:
-        """Where the robot really is."""
+        """True pose of the robot."""
         self._true = (self._status.time, world_from_base)
         if self._writer.due("true", _POSE_PERIOD):
             self._writer.log("/world/robot/base", drawing.transform(world_from_base))
@@ -187,7 +187,7 @@ class RerunTelemetry(Telemetry):
         if self._movers is not None and self._writer.due("movers", _POSE_PERIOD):
             self._movers.log_poses(self._writer.stream, poses)
 
-    # -- the stack's side: what it knows and wants -------------------------------------------------
+    # -- the stack's side: estimates and decisions -------------------------------------------------
 
     def scan(self, scan: Scan, points_in_map: FloatArray) -> None:
         """The returns of one scan as the stack places them, (n, 2) [m]."""
@@ -208,7 +208,7 @@ class RerunTelemetry(Telemetry):
         self._writer.log("/map/scan", rr.Points3D(points, colors=colours, radii=rr.Radius.ui_points(2.0)))
 
     def estimated_pose(self, map_from_base: Pose2, map_from_base_by_odometry: Pose2) -> None:
-        """Where SLAM, and where dead reckoning, believes the robot is."""
+        """Poses of the robot by SLAM and by dead reckoning."""
         self._believed = (self._status.time, map_from_base, map_from_base_by_odometry)
         self._status.map_from_base = map_from_base
         if self._writer.due("believed", _POSE_PERIOD):
@@ -223,11 +223,11 @@ class RerunTelemetry(Telemetry):
         self._log_errors()
 
     def map_correction(self, map_correction: Pose2) -> None:
-        """The map has moved in itself: the estimate's trail moves along."""
+        """A correction of the map: the estimate's trail moves along."""
         self._trails["/map/trail/estimate"].move(map_correction)
 
     def grid(self, grid: OccupancyGrid) -> None:
-        """The navigation grid as it is now."""
+        """The present navigation grid."""
         if not self._writer.due("grid", _SLOW_PERIOD):
             return
         greys = drawing.greys_of(grid.probability())
@@ -239,7 +239,7 @@ class RerunTelemetry(Telemetry):
             self._writer.log("/map/grid", image)
 
     def entropy(self, entropy: float) -> None:
-        """Of the map, against an unseen one (Section III-C) [nat]."""
+        """Entropy of the map, against an unseen one (Zhang et al., Section III-C) [nat]."""
         self._status.entropy = entropy
         if self._writer.due("entropy", _POSE_PERIOD):
             self._writer.scalar("/plots/entropy", entropy)
@@ -266,13 +266,13 @@ class RerunTelemetry(Telemetry):
             self._writer.clear("/map/path")
 
     def waypoint(self, point_in_map: tuple[float, float]) -> None:
-        """What the local policy heads for [m]."""
+        """The waypoint that the local policy heads for [m]."""
         if point_in_map != self._status.waypoint_in_map:
             self._status.waypoint_in_map = point_in_map
             self._writer.mark("/map/waypoint", point_in_map, "waypoint", look.WANTED)
 
     def command(self, command: VelocityCommand) -> None:
-        """What the local policy asks of the body."""
+        """The local policy's command to the body."""
         self._status.command = command
         if self._writer.due("command", _PLOT_PERIOD):
             for name, value in zip(command._fields, command):
@@ -305,7 +305,7 @@ class RerunTelemetry(Telemetry):
             self._writer.log("/map/safety", image)
 
     def event(self, text: str, level: str = "INFO") -> None:
-        """A trigger, a recovery, a collision: what an engineer will look for."""
+        """An event of interest to an engineer: a trigger, a recovery, a collision."""
         colour = look.LEVEL_COLOURS.get(level, look.LEVEL_COLOURS["INFO"])
         self._writer.log("/events", rr.TextLog(text, level=level, color=colour))
         self._status.event = f"at {self._status.time:.1f} s: {text}"
@@ -313,7 +313,7 @@ class RerunTelemetry(Telemetry):
     # -- the means ---------------------------------------------------------------------------------
 
     def _send_blueprint(self) -> None:
-        """Once; without bounds nobody told of a scene: a real robot."""
+        """Send the layout once; without bounds there is no true scene, as on a real robot."""
         if not self._blueprint_sent:
             self._blueprint_sent = True
             layout = look.blueprint(self._bounds, gate=self._gate_told, safety=self._safety_told)
@@ -326,7 +326,7 @@ class RerunTelemetry(Telemetry):
             self._writer.log(path, trail.strip())
 
     def _log_errors(self) -> None:
-        """Once true and believed pose are both known for this very tick."""
+        """Log the pose errors once the true and the estimated pose of this tick are both there."""
         if self._true is None or self._believed is None or self._true[0] != self._believed[0]:
             return
         errors = distance(self._true[1], self._believed[1]), distance(self._true[1], self._believed[2])

@@ -1,4 +1,4 @@
-"""Where a recording goes: Rerun streams into a file, into a viewer window, or to browsers."""
+"""Sinks of a recording: Rerun streams into a file, into a viewer window, or to browsers."""
 
 import os
 import shutil
@@ -13,7 +13,7 @@ from rerun.experimental import ViewerClient
 from vuca_nav.errors import BadArgument
 
 APPLICATION = "vuca_nav"
-"""Recordings of one application share the layout that the user made of it in the viewer."""
+"""Application id; its recordings share the layout that the user made in the viewer."""
 
 _GRPC_PORT, _WEB_PORT = 9876, 9090
 """Rerun's own defaults; another free one is taken where they are in use."""

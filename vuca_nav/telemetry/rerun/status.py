@@ -1,4 +1,4 @@
-"""What the robot is doing, in words: the text of a recording's *Now* panel."""
+"""The robot's activity in words: the text of a recording's *Now* panel."""
 
 import math
 from dataclasses import dataclass
@@ -11,14 +11,14 @@ from vuca_nav.telemetry.rerun.blueprint import CLOSE_RANGE
 from vuca_nav.types import FloatArray, Pose2, VelocityCommand
 
 _TURNING = 0.05
-"""Below this it goes straight on [rad/s]."""
+"""Yaw rate below which the robot counts as going straight on [rad/s]."""
 _STANDING = 0.02
-"""Below this it stands [m/s]."""
+"""Speed below which the robot counts as standing [m/s]."""
 
 
 @dataclass(slots=True)
 class Status:
-    """The latest of everything that the text mentions; None where nothing was told yet."""
+    """Latest values of everything that the text mentions; None where there is none yet."""
 
     time: float = 0.0
     """[s]"""
@@ -38,11 +38,11 @@ class Status:
     entropy: float | None = None
     """[nat]"""
     event: str | None = None
-    """The last one, with its time."""
+    """The last event, with its time."""
 
 
 def describe(status: Status) -> str:
-    """Markdown: motion, aim, what is near, how well it is localised, the last event, the last decision."""
+    """Describe as Markdown: motion, aim, nearest return, localisation errors, the last event, the last decision."""
     facts = []
     pose = status.map_from_base
     if pose is not None:

@@ -1,4 +1,4 @@
-"""A Rerun stream with a clock: what is logged when, and what never changes."""
+"""A Rerun stream with a clock: timed and static entries."""
 
 import math
 
@@ -10,21 +10,21 @@ from vuca_nav.telemetry.rerun.drawing import floating_labels, heading_arrow
 from vuca_nav.types import FloatArray
 
 MARK_HEIGHT = 0.12
-"""Of marked points above the map, so that nothing hides them [m]."""
+"""Height of marked points above the map, so that nothing hides them [m]."""
 
 
 class Writer:
     """Logs to one ``RecordingStream``.
 
     Args:
-        stream: Where to.
-        title: Of the recording, shown in the viewer.
+        stream: The stream that is written to.
+        title: Title of the recording, shown in the viewer.
     """
 
     def __init__(self, stream: rr.RecordingStream, title: str):
         self.stream = stream
         self.time = 0.0
-        """Of all that is logged from now on [s]."""
+        """Time of all that is logged from now on [s]."""
         self._last_logged: dict[str, float] = {}
         stream.set_log_time_enabled(False)
         stream.set_log_tick_enabled(False)
@@ -33,7 +33,7 @@ class Writer:
         self._log_constants(title)
 
     def set_time(self, seconds: float) -> None:
-        """Everything that follows happened at this time [s]."""
+        """Set the time of everything that follows [s]."""
         self.time = seconds
         self.stream.set_time(look.TIMELINE, duration=seconds)
 
@@ -46,29 +46,29 @@ class Writer:
         return True
 
     def log(self, path: str, what: rr.AsComponents, *, static: bool = False) -> None:
-        """Anything."""
+        """Log any component."""
         self.stream.log(path, what, static=static)
 
     def scalar(self, path: str, value: float) -> None:
-        """One more point of a curve."""
+        """Log one more point of a curve."""
         self.stream.log(path, rr.Scalars(value))
 
     def clear(self, path: str) -> None:
-        """What was there is gone from now on."""
+        """Clear an entity from now on."""
         self.stream.log(path, rr.Clear(recursive=False))
 
     def markdown(self, path: str, text: str, *, static: bool = False) -> None:
-        """A panel's text."""
+        """Log a panel's text."""
         self.stream.log(path, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=static)
 
     def strip(self, path: str, points: FloatArray, colour: look.Colour, width: float) -> None:
-        """A line through points (n, 3) [m], ``width`` in points of the screen."""
+        """Log a line through points (n, 3) [m], ``width`` in points of the screen."""
         self.stream.log(path, rr.LineStrips3D([points], colors=colour, radii=rr.Radius.ui_points(width)))
 
     def mark(
         self, path: str, point: tuple[float, float], label: str, colour: look.Colour, *, static: bool = False
     ) -> None:
-        """A point with its name."""
+        """Log a point with its name."""
         point_in_space = np.array([[*point, MARK_HEIGHT]])
         dot = rr.Points3D(point_in_space, colors=colour, radii=rr.Radius.ui_points(6.0))
         self.stream.log(path, dot, static=static)
