@@ -1,4 +1,4 @@
-"""The commands of this package: arguments in, an exit code out. What is heavy is imported when needed."""
+"""The commands of this package: arguments in, an exit code out. Heavy modules are imported when needed."""
 
 from __future__ import annotations
 
@@ -174,7 +174,7 @@ def _episode(arguments: EpisodeArguments, default: str) -> EpisodeConfig:
     """The episode that is asked for.
 
     Args:
-        arguments: Of the command.
+        arguments: Arguments of the command.
         default: Method that runs where none is named.
     """
     from eval.episode import EpisodeConfig

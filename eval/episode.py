@@ -56,7 +56,7 @@ class EpisodeConfig:
     """Changes to the method."""
 
     def __post_init__(self) -> None:
-        """Raises BadArgument for a negative seed, an unknown difficulty, a start or goal that is not finite."""
+        """Raise BadArgument for a negative seed, an unknown difficulty, a start or goal that is not finite."""
         if self.seed < 0:
             raise BadArgument(f"the seed must be 0 or more, got {self.seed}")
         for name, numbers in (("start", self.start), ("goal", self.goal)):
@@ -113,7 +113,7 @@ class Episode:
     """A task and a body that has to do it, checked and ready to run.
 
     Args:
-        config: What to build.
+        config: The episode to build.
 
     Raises:
         VucaError: A name is unknown, an argument is out of range, or start or goal cannot be used.
@@ -130,7 +130,7 @@ class Episode:
         self._set_up_time = time.perf_counter() - began
 
     def build(self, telemetry: Telemetry) -> tuple[Simulation, Navigator]:
-        """The two sides of the loop: what is true, and what has to find its way."""
+        """The two sides of the loop: the simulation and the stack."""
         (sensors_seed,) = np.random.SeedSequence(self.config.seed).spawn(1)
         ambiguous = "A" not in self.config.without
         simulation = Simulation(
@@ -145,7 +145,7 @@ class Episode:
         return simulation, build(self.method, self.body.spec, self.body.lidar, localisation, telemetry)
 
     def begin(self, telemetry: Telemetry) -> tuple[Simulation, Navigator, Scan, Odometry]:
-        """Both sides ready for the first step, and what the robot senses at first."""
+        """Both sides ready for the first step, and the robot's first readings."""
         simulation, navigator = self.build(telemetry)
         scan, odometry = simulation.reset()
         prior_map = rasterise(self.world) if "U" in self.config.without else None

@@ -42,11 +42,11 @@ def evaluate(
     """Run those episodes that ``out`` does not hold yet, then summarise all of them.
 
     Args:
-        identity: What the evaluation is, for its ``config.json``; another one may not go on with it.
+        identity: Identity of the evaluation, for its ``config.json``; another one cannot continue it.
         configs: Its episodes, one or more, of one robot and one method.
         out: The directory of the results.
         workers: Number of processes.
-        command: As it was typed, to be noted with the machine if there are episodes to run.
+        command: The command as typed, noted with the machine if there are episodes to run.
         job: Runs one episode in a worker.
 
     Raises:

@@ -1,6 +1,6 @@
-"""The methods that can be put in an episode: a table of configurations, and the function that builds a stack of one.
+"""The methods of an episode: a table of configurations, and the function that builds a stack of one.
 
-A method is data. What a user changes of one is an option (``MethodOptions``), not another name; ``resolve`` gives the
+A method is data. A user's change to one is an option (``MethodOptions``), not another name; ``resolve`` gives the
 configuration that runs, and ``build`` the navigator. A new method is an entry of ``METHODS``.
 """
 
@@ -26,7 +26,7 @@ from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import BodySpec, LidarSpec
 
 GAMMA = 300.0
-"""Extra way that is worth it if it surely spares meeting a mover, where nobody asks for another [m]."""
+"""Extra way that is worth it if it surely spares meeting a mover, by default [m]."""
 CRITIC_RATE = 1.0
 """Rate at which the target is chosen anew where V^h has a say [Hz]: in the paper's 5 s, whatever comes along a corridor
 has arrived."""
@@ -34,7 +34,7 @@ has arrived."""
 
 @dataclass(frozen=True, slots=True)
 class ExplorerSettings:
-    """How the exploration point is chosen."""
+    """Settings of the choice of the exploration point."""
 
     rate: float = 0.2
     """Rate at which it is chosen anew, besides the triggers [Hz]: the paper's."""
@@ -60,7 +60,7 @@ class MethodConfig:
     gamma: float | None = None
     """Weight of V^h: extra way that is worth it if it surely spares meeting a mover [m]; None without a critic."""
     perception: PerceptionConfig = field(default_factory=PerceptionConfig)
-    """How scans are read, for all stages alike; a method that does without something says so here."""
+    """Settings of perception, for all stages alike; a method that does without tracks says so here."""
 
     def row(self) -> dict[str, Any]:
         """The configuration as JSON holds it; shipped files are named by their stem, wherever they are installed."""
@@ -111,7 +111,7 @@ UNIFORM = "uniform"
 
 @dataclass(frozen=True, slots=True)
 class MethodOptions:
-    """Changes to a method; what is left at its default stays the method's own."""
+    """Changes to a method; an option left at its default stays the method's own."""
 
     policy: str | None = None
     """Weights file of the network."""
@@ -127,7 +127,7 @@ class MethodOptions:
     """Weight of V^h [m]."""
 
     def __post_init__(self) -> None:
-        """Raises BadArgument for a gamma that is negative or not finite, or another gate than the uniform one."""
+        """Raise BadArgument for a gamma that is negative or not finite, or another gate than the uniform one."""
         if self.gate not in (None, UNIFORM):
             raise BadArgument(f"--gate must be {UNIFORM}, or left out for the trained gate; got {self.gate!r}")
         if self.gamma is not None and not 0.0 <= self.gamma < math.inf:
@@ -168,7 +168,7 @@ def resolve(name: str, options: MethodOptions = UNCHANGED) -> MethodConfig:
     """The configuration that runs: a method's own, changed by options.
 
     Args:
-        name: Of ``METHODS``, in its exact spelling.
+        name: Name of a method in ``METHODS``, in its exact spelling.
         options: Changes to it.
 
     Raises:
@@ -203,7 +203,7 @@ def resolve(name: str, options: MethodOptions = UNCHANGED) -> MethodConfig:
 
 
 def _check_files(config: MethodConfig, given: dict[str, Any]) -> None:
-    """Raises VucaError if weights cannot be read, or the policy's do not go with the gate."""
+    """Raise VucaError if weights cannot be read, or the policy's do not go with the gate."""
     assert config.weights is not None
     weights = load_weights(config.weights)
     if "gate" in given and weights.experts == 1:
@@ -223,7 +223,7 @@ def title_of(method: str, options: dict[str, Any]) -> str:
 
     Args:
         method: Its name.
-        options: Among other things those of ``MethodOptions`` by name, as a row of a result has them.
+        options: Values by name, as a row of a result has them; names that ``MethodOptions`` lacks are ignored.
     """
     typed = [method]
     for option in fields(MethodOptions):
@@ -237,7 +237,7 @@ def identity_of(config: MethodConfig) -> dict[str, Any]:
     """Identity of an evaluation's method: the resolved configuration, weights by name and by content.
 
     Args:
-        config: Of ``resolve``.
+        config: Result of ``resolve``.
 
     Raises:
         BadWeights: A weights file cannot be read.
@@ -256,11 +256,11 @@ def build(
     """Build the stack of a method for a body.
 
     Args:
-        method: Of ``resolve``.
-        body: What is driven.
-        lidar: What it sees with.
+        method: Result of ``resolve``.
+        body: The body that is driven.
+        lidar: The body's lidar.
         localisation: "odometry" where the odometry is the true pose (``--without A``).
-        telemetry: Who listens.
+        telemetry: Receives what the stages report.
 
     Raises:
         VucaError: Weights cannot be used.
@@ -285,7 +285,7 @@ def build(
 
 
 def settings_of(navigator: Navigator) -> dict[str, Any]:
-    """All that a navigator was built with but body, lidar and weights: of its stages, its policy and its shield."""
+    """Settings of a navigator's stages, policy and shield; body, lidar and weights are left out."""
     policy = navigator.policy
     settings: dict[str, Any] = {"navigator": asdict(navigator.config)}
     if isinstance(policy, Shield):

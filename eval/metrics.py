@@ -59,8 +59,8 @@ class MetricsRecorder:
     """Accumulates the metrics of one episode in constant memory.
 
     Args:
-        start: Pose at the start, which the stack is told.
-        goal: [m]
+        start: Pose at the start, which is given to the stack.
+        goal: The goal [m].
         shortest: Length of the shortest way [m].
     """
 
@@ -80,10 +80,10 @@ class MetricsRecorder:
         """Add one step, after it was made.
 
         Args:
-            scan: What the robot saw when it decided on this step.
+            scan: The scan that this step was decided on.
             odom_from_base: Odometry at that moment, the identity at the start.
-            true_pose: Where the robot truly was at that moment.
-            estimate: Where the stack believed to be, from that scan and that odometry.
+            true_pose: True pose at that moment.
+            estimate: The stack's estimate of the pose, from that scan and that odometry.
             clearance: True clearance of the footprint at that moment [m].
         """
         self._steps += 1
@@ -101,7 +101,7 @@ class MetricsRecorder:
 
         Args:
             end: True pose after the last step.
-            clearance: At that moment [m].
+            clearance: True clearance at that moment [m].
             success: Whether the goal was reached.
 
         Raises:

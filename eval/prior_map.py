@@ -10,7 +10,7 @@ from worlds.world import World
 def rasterise(world: World) -> OccupancyGrid:
     """Occupied cells wherever an obstacle stands within half a cell of the centre, free cells elsewhere.
 
-    The map's frame is the world's, since the stack is told its true start. Outside the bounds all is unknown.
+    The map's frame is the world's, since the stack is given its true start. Outside the bounds all is unknown.
 
     Args:
         world: Its moving obstacles are left out.

@@ -12,10 +12,10 @@ IN_A_LOG = 10.0
 
 
 class ProgressLine:
-    """Simulated time, distance to the goal, real-time factor. Use it as a context manager.
+    """A line of simulated time, distance to the goal and real-time factor. Use it as a context manager.
 
     Args:
-        stream: Where to write; on a terminal the line is rewritten in place.
+        stream: Stream to write to; on a terminal the line is rewritten in place.
     """
 
     def __init__(self, stream: TextIO):
@@ -31,7 +31,7 @@ class ProgressLine:
         return self
 
     def __call__(self, simulated: float, to_goal: float) -> None:
-        """Write if it is time to.
+        """Write the line if it is due.
 
         Args:
             simulated: Time of the simulation [s].
@@ -48,7 +48,7 @@ class ProgressLine:
         self._written = True
 
     def __exit__(self, *_: object) -> None:
-        """Leave the terminal's line."""
+        """End the terminal's line."""
         if self._in_place and self._written:
             self._stream.write("\n")
 
@@ -71,7 +71,7 @@ _TABLE = (
 
 
 def result_table(row: dict[str, Any]) -> str:
-    """A result as text: what was run, the outcome, the figures with their units."""
+    """A result as text: the configuration, the outcome, the figures with their units."""
     options = (f"{key} {row[key]}" for key in ("region", "movers", "without") if row[key] not in (None, ""))
     what = ", ".join([row["world"], *options, row["robot"], title_of(row["method"], row), f"seed {row['seed']}"])
     outcome = row["outcome"] + (f" with {row['collided_with']}" if row["collided_with"] else "")

@@ -28,7 +28,7 @@ THREAD_VARIABLES = (
     "NUMEXPR_NUM_THREADS",
     "NUMBA_NUM_THREADS",
 )
-"""Read by the numerical libraries when first imported, which is why workers are spawned, not forked."""
+"""Variables that numerical libraries read when first imported, which is why workers are spawned, not forked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,12 +54,12 @@ def key_of(row: Row) -> str:
 
 
 def run_episodes(configs: Sequence[EpisodeConfig], workers: int, job: RunEpisode = run_one) -> Iterator[Row | Crash]:
-    """Rows in the order in which the episodes end.
+    """Run episodes, and yield rows in the order in which they end.
 
     Args:
-        configs: What to run.
+        configs: The episodes to run.
         workers: Number of processes; one is a process of its own as well, so that it gives the same rows.
-        job: What a worker does with a configuration; must be importable.
+        job: Function that a worker calls with a configuration; must be importable.
     """
     with worker_pool(max(1, min(workers, len(configs)))) as pool:
         waiting = {pool.submit(_run_safely, job, config): config for config in configs}
@@ -77,10 +77,10 @@ def run_episodes(configs: Sequence[EpisodeConfig], workers: int, job: RunEpisode
 
 @contextmanager
 def worker_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """Processes of a single thread each.
+    """Start processes of a single thread each.
 
     Args:
-        workers: How many.
+        workers: Number of processes.
     """
     spawn = multiprocessing.get_context("spawn")
     with (
@@ -99,7 +99,7 @@ def _run_safely(job: RunEpisode, config: EpisodeConfig) -> Row | Crash:
 
 
 def _start_worker() -> None:
-    """An interrupt ends a worker without a trace, and no worker outlives a parent that was killed."""
+    """Make an interrupt end a worker without a trace, and a worker end with its parent."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     parent = multiprocessing.parent_process()
     if parent is not None:
@@ -129,8 +129,8 @@ def provenance(config: EpisodeConfig) -> Row:
     """Everything that decides on the bits of a result: versions, commit, libraries, all settings.
 
     Args:
-        config: An episode of the evaluation. The settings are those of its robot and method with all difficulties: a
-            task says itself what it leaves out.
+        config: An episode of the evaluation. The settings are those of its robot and method with all difficulties:
+            a task names those that it leaves out.
 
     Raises:
         VucaError: There is no such robot or method, or it cannot be built.

@@ -1,7 +1,7 @@
 """The directory of an evaluation: its configuration, a row an episode, its summary. It survives a kill.
 
-``config.json`` says what is run and by which code, which is never changed, and notes each run of the command with its
-machine; ``episodes.jsonl`` gets a row as an episode ends; ``summary.json`` is written at the end.
+``config.json`` holds the evaluation and the code that runs it, which never change, and notes each run of the command
+with its machine; ``episodes.jsonl`` gets a row as an episode ends; ``summary.json`` is written at the end.
 """
 
 import fcntl
@@ -31,7 +31,7 @@ def read_config(directory: Path) -> StoredConfig:
     """Read the configuration of an evaluation.
 
     Raises:
-        BadArgument: There is none, or it is none.
+        BadArgument: The file is missing, or is not the configuration of an evaluation.
     """
     path = directory / "config.json"
     try:
@@ -48,11 +48,11 @@ def read_config(directory: Path) -> StoredConfig:
 
 
 class ResultStore:
-    """Opens a directory for one evaluation; use it as a context manager.
+    """Directory of one evaluation, opened for writing; use it as a context manager.
 
     Args:
         directory: Made if it does not exist.
-        config: What is run. A directory that holds another configuration is refused.
+        config: The evaluation. A directory that holds another configuration is refused.
         made_by: Versions, commit and settings of the code that runs it. A directory that other code began is refused.
 
     Raises:
@@ -81,7 +81,7 @@ class ResultStore:
             raise
 
     def __enter__(self) -> "ResultStore":
-        """Give the store, which the constructor opened."""
+        """Return the store, which the constructor opened."""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -129,7 +129,7 @@ class ResultStore:
                 )
 
     def _drop_torn_line(self) -> None:
-        """A kill in the middle of a write leaves a last line without its end."""
+        """Drop a last line without its end, as a kill in the middle of a write leaves it."""
         self._file.seek(0)
         content = self._file.read()
         whole = content.rfind(b"\n") + 1
@@ -149,7 +149,7 @@ class ResultStore:
 
 
 def _first_difference(a: Any, b: Any, key: str = "") -> tuple[str, Any, Any] | None:
-    """The first difference of two JSON values: the path to it, and what each of them has there."""
+    """The first difference of two JSON values: the path to it, and both values there."""
     if isinstance(a, dict) and isinstance(b, dict):
         for name in sorted({*a, *b}):
             difference = _first_difference(a.get(name), b.get(name), f"{key}.{name}" if key else name)
@@ -160,7 +160,7 @@ def _first_difference(a: Any, b: Any, key: str = "") -> tuple[str, Any, Any] | N
 
 
 def _refuse(constant: str) -> None:
-    """NaN and infinities are not JSON."""
+    """Raise for NaN and infinities, which are not JSON."""
     raise ValueError(constant)
 
 

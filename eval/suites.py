@@ -103,11 +103,11 @@ def episodes_of(
     """All episodes of a suite, the first seed of every task before the second.
 
     Args:
-        suite: What to run.
+        suite: The suite to run.
         robot: A robot's name.
         method: A method's name.
-        seeds: Instead of the suite's own.
-        limit: Only the first so many episodes.
+        seeds: Seeds instead of the suite's own.
+        limit: Greatest number of episodes, the first ones.
         options: Changes to the method.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Evaluations against each other in the same episodes: ``vuca compare FIRST SECOND...``.
+"""Comparison of evaluations in the same episodes: ``vuca compare FIRST SECOND...``.
 
 The directories are those of ``vuca eval``. An episode is the same for all methods that meet it, so that differences are
 taken in pairs; episodes that only one of two evaluations has yet are left out. Episodes of one seed in several tasks,
@@ -21,11 +21,11 @@ EPISODE = ("world", "region", "movers", "without", "robot", "start", "goal", "se
 
 
 def read_episodes(folder: Path, seeds: range | None = None) -> dict[str, Row]:
-    """The episodes of an evaluation, by what makes them the same.
+    """Read the episodes of an evaluation, keyed by their identity.
 
     Args:
-        folder: Of the evaluation, which need not be complete.
-        seeds: Only episodes of these.
+        folder: Directory of the evaluation, which need not be complete.
+        seeds: Seeds of the episodes to read; by default all.
 
     Raises:
         BadArgument: There are none, or they cannot be read.
@@ -62,8 +62,8 @@ def compare(first: dict[str, Row], second: dict[str, Row]) -> dict[str, Differen
     """Paired differences, second less first.
 
     Args:
-        first: Episodes of ``read_episodes``.
-        second: The same of another evaluation.
+        first: Result of ``read_episodes``.
+        second: Result of ``read_episodes`` for another evaluation.
 
     Returns:
         The differences in each task, and in ``all`` of them if there are several.

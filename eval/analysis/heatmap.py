@@ -38,9 +38,9 @@ class View:
     map_from_base: Pose2
     safety: SafetyMap
     occupied: NDArray[np.bool_]
-    """(rows, columns) what the robot's map holds for occupied, in the same cells."""
+    """(rows, columns) mask of the cells that are occupied in the robot's map, on the same grid."""
     returns_in_map: FloatArray
-    """(n, 2) of the last scan [m]."""
+    """(n, 2) returns of the last scan [m]."""
     target: tuple[float, float] | None
     """The explorer's target [m]; None if it has none."""
     goal: tuple[float, float]
@@ -85,8 +85,8 @@ def view_at(
     Args:
         config: The episode.
         at: The moment [s]; if the episode is over earlier, its last one.
-        half_side: Of the square about the robot [m].
-        resolution: Between two places [m].
+        half_side: Half side of the square about the robot [m].
+        resolution: Distance between two places [m].
         progress: Called after every step.
 
     Raises:

@@ -1,6 +1,6 @@
 """Reports of evaluations as Markdown: ``vuca report DIR... --out OUT`` writes a page for each directory and an index.
 
-A page says what was run (command, commit, seeds, machine) and what came of it; the index compares the evaluations that
+A page names the run (command, commit, seeds, machine) and its results; the index compares the evaluations that
 hold the same episodes, pair by pair. The same directories give the same bytes.
 """
 
@@ -31,7 +31,7 @@ class Evaluation(NamedTuple):
     """Name of the directory."""
     stored: StoredConfig
     episodes: dict[str, Row]
-    """Rows by what makes them the same episode."""
+    """Rows, keyed by the identity of their episode."""
 
     @property
     def method(self) -> str:
@@ -43,7 +43,7 @@ def read_evaluation(directory: Path) -> Evaluation:
     """Read the directory of an evaluation, complete or not.
 
     Raises:
-        BadArgument: It is none.
+        BadArgument: The directory is no evaluation.
     """
     stored, episodes = read_config(directory), read_episodes(directory)
     for row in episodes.values():
@@ -56,7 +56,7 @@ def write_reports(directories: Sequence[Path], out: Path) -> list[Path]:
     """Write a page for each evaluation, and an index with their paired differences.
 
     Args:
-        directories: Of evaluations; their names name the pages.
+        directories: Directories of evaluations; their names name the pages.
         out: Directory of the pages.
 
     Returns:
@@ -78,7 +78,7 @@ def write_reports(directories: Sequence[Path], out: Path) -> list[Path]:
 
 
 def page_of(evaluation: Evaluation) -> str:
-    """The page of an evaluation: what was run, and what came of it."""
+    """The page of an evaluation: the run and its results."""
     rows = list(evaluation.episodes.values())
     lines = [
         f"# {evaluation.name}",

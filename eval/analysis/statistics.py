@@ -16,8 +16,8 @@ def wilson_interval(successes: int, trials: int, z: float = Z_95) -> tuple[float
     Unlike the normal approximation it stays inside [0, 1] and has a width at 0 and at n successes.
 
     Args:
-        successes: How often it happened.
-        trials: Out of how many.
+        successes: Number of successes.
+        trials: Number of trials.
         z: Quantile of the normal distribution; the default gives 95%.
 
     Returns:
@@ -51,12 +51,12 @@ def paired_difference(
     2411.00640): each cluster of them counts as one pair, of the mean of its differences. Added are the same four
     halves, of differences of +1, -1 and twice 0, so that clusters of one episode give Agresti and Min's interval. It is
     on the safe side where few clusters differ; a t interval over clusters is too short there, and has no width at all
-    where none does, as where nobody falls.
+    where none does, as with no falls at all.
 
     Args:
-        first: (n,)
-        second: (n,)
-        clusters: (n,) what an episode shares with others, such as its seed; by default nothing.
+        first: (n,) successes of the first method.
+        second: (n,) successes of the second method.
+        clusters: (n,) label that dependent episodes share, such as the seed; by default each has its own.
 
     Returns:
         Difference of the shares, lower and upper end of the interval; each cluster weighs the same.
@@ -79,11 +79,11 @@ def mcnemar_exact(first: NDArray[np.bool_], second: NDArray[np.bool_]) -> float:
     matching confidence intervals for discrete data"). The episodes must be independent of each other.
 
     Args:
-        first: (n,)
-        second: (n,)
+        first: (n,) successes of the first method.
+        second: (n,) successes of the second method.
 
     Returns:
-        The p-value; 1 if no episode tells them apart.
+        The p-value; 1 if they differ in no episode.
     """
     gained, lost = int((second & ~first).sum()), int((first & ~second).sum())
     n = gained + lost
@@ -96,17 +96,17 @@ def resampled_totals(
 ) -> NDArray[np.floating]:
     """Totals over episodes that are drawn again, with replacement, as many of each stratum as there are.
 
-    Whole episodes are drawn, since what happens within one is not independent; a ratio of two totals has the draws'
+    Whole episodes are drawn, since events within one are not independent; a ratio of two totals has the draws'
     2.5 and 97.5% quantiles as its interval (Efron and Tibshirani 1993, chapter 13).
 
     Args:
-        sums: Of each episode, (n, k).
-        strata: Of which an episode is, as the kind of its world, (n,).
-        draws: How many times.
-        rng: Draws them.
+        sums: Sums of each episode, (n, k).
+        strata: Stratum of each episode, as the kind of its world, (n,).
+        draws: Number of draws.
+        rng: Source of randomness.
 
     Returns:
-        (draws, k)
+        Totals (draws, k).
     """
     totals = np.zeros((draws, sums.shape[1]))
     for stratum in np.unique(strata):

@@ -22,7 +22,7 @@ MEANS = (
     "odometry_final_error",
     "real_time_factor",
 )
-"""Averaged over a group's episodes, however they ended; ``arriving_time`` over those that arrived."""
+"""Fields averaged over a group's episodes, however they ended; ``arriving_time`` over those that arrived."""
 
 _COLUMNS = (
     ("time s", "arriving_time", 1),

@@ -38,8 +38,8 @@ def lines_of(groups: list[Row], show: str = "success") -> dict[str, list[Point]]
     """Points of each world, robot and method, by number of movers; groups of a world's own number are left out.
 
     Args:
-        groups: Of summaries.
-        show: Whose share: an outcome, or a way's name, of those that entered any.
+        groups: Groups of summaries.
+        show: Outcome, or name of a way; a way's share is of the episodes that entered any.
     """
     lines: dict[str, list[Point]] = {}
     for group in groups:

@@ -71,7 +71,7 @@ WORLD = ("physics", "moving obstacles", "lidar", "simulation, other", "rest")
 
 
 def lidar_against_mujoco() -> list[Result]:
-    """Our caster against ``mj_multiRay``: the same beams from the same poses, movers included."""
+    """Compare ``RayCaster`` with ``mj_multiRay``: the same beams from the same poses, movers included."""
     world, lidar = make_world("factory", SEED, region=4), LidarSpec()
     movers = MoverField(world)
     caster = RayCaster(pack_shapes([o.shape for o in world.obstacles]), movers.part_shapes, lidar)
@@ -118,7 +118,7 @@ def lidar_against_mujoco() -> list[Result]:
 
 
 def whole_loop(method: str) -> list[Result]:
-    """Factory region 4 with its moving obstacles, telemetry off: real-time factor, then each stage's time."""
+    """Time the loop in factory region 4 with movers, telemetry off: real-time factor, then each stage's time."""
     _episode(method, SEED)  # compiles the kernels, or loads them from their cache
     plain = _episodes(method)
     simulated, wall = sum(episode.duration for episode in plain), sum(episode.wall_time for episode in plain)
@@ -142,11 +142,11 @@ def stage_results(seconds: dict[str, float], wall: float, steps: int, loop: str,
     """Each stage's time a tick, and that of the whole stack.
 
     Args:
-        seconds: Of the stages; one that never ran is left out.
+        seconds: Time of each stage [s]; a stage that never ran is left out.
         wall: Time of the whole loop [s].
-        steps: Its ticks.
-        loop: What the stack's result is named after.
-        stage: What the stages' results are named after.
+        steps: Number of its ticks.
+        loop: Prefix of the name of the stack's result.
+        stage: Prefix of the names of the stages' results.
     """
     ran = {name: spent for name, spent in seconds.items() if spent > 0.0}
     ran["rest"] = wall - sum(ran.values())
@@ -166,7 +166,7 @@ def stage_results(seconds: dict[str, float], wall: float, steps: int, loop: str,
 
 
 def _episodes(method: str) -> list[EpisodeResult]:
-    """One seed after the other until enough time has been simulated."""
+    """Run episodes, one seed after the other, until enough time has been simulated."""
     results: list[EpisodeResult] = []
     while sum(episode.duration for episode in results) < LOOP_TIME:
         results.append(_episode(method, len(results)))
@@ -188,10 +188,10 @@ BENCHMARKS: list[dict[str, Any]] = [
 
 
 def run_benchmarks(progress: TextIO) -> list[Result]:
-    """All results, one benchmark after the other, in a process of a single thread.
+    """Run all benchmarks, one after the other, in a process of a single thread.
 
     Args:
-        progress: Told which one runs.
+        progress: Receives the name of the benchmark that runs.
     """
     results: list[Result] = []
     with worker_pool(1) as pool:

@@ -34,16 +34,16 @@ POLICY_LIMIT, CRITIC_LIMIT = 0.3, 2.0
 
 
 class Tick(NamedTuple):
-    """The sensors' readings at a tick, and what the local policy was asked for."""
+    """The sensors' readings and the local goal at a tick."""
 
     scan: Scan
     odometry: Odometry
     goal: LocalGoal | None
-    """None where the body had to stand."""
+    """The local goal; None where the body had to stand."""
 
 
 class Tape(LocalPolicy):
-    """Keeps what another policy is asked."""
+    """Keeps the goals that another policy is given."""
 
     def __init__(self, policy: LocalPolicy):
         self.policy = policy
@@ -65,14 +65,14 @@ class Timed(LocalPolicy):
     def __init__(self, policy: LocalPolicy):
         self.policy = policy
         self.seconds = 0.0
-        """Time that it took since this was last set to 0."""
+        """Time of the policy since this was last set to 0 [s]."""
 
     def reset(self) -> None:
         """Reset the other policy."""
         self.policy.reset()
 
     def command(self, percept: Percept, goal: LocalGoal | None) -> VelocityCommand:
-        """Pass it on."""
+        """Pass the request on and time it."""
         began = time.perf_counter()
         command = self.policy.command(percept, goal)
         self.seconds += time.perf_counter() - began
@@ -80,11 +80,11 @@ class Timed(LocalPolicy):
 
 
 def record(config: EpisodeConfig, least: float) -> list[list[Tick]]:
-    """What the lower layer is asked in episodes of one seed after the other, until enough time has been simulated.
+    """Record the lower layer's input in episodes, one seed after the other, until enough time has been simulated.
 
     Args:
-        config: Of the first.
-        least: How much time is enough [s].
+        config: Configuration of the first episode.
+        least: Least time to simulate [s].
     """
     tapes: list[list[Tick]] = []
     simulated = 0.0
@@ -114,7 +114,7 @@ def replay(
         shield: The shield over the policy; without one, the policy is asked directly.
 
     Returns:
-        (n, 3) of perception, of the policy, and of the shield without it [s].
+        (n, 3) times of perception, of the policy, and of the shield without the policy [s].
     """
     outer, times = shield or policy, []
     for ticks in tapes:
@@ -133,7 +133,7 @@ def replay(
 
 
 def lower_layer() -> list[Result]:
-    """A step of the policies and of the shield in a crowd, and V^h of all candidates, each against its goal."""
+    """Time a step of the policies and of the shield in a crowd, and V^h of all candidates, each against its goal."""
     tapes, body = record(CROWD, CROWD_TIME), make_body(CROWD.robot)
     spec, lidar = body.spec, body.lidar
     policies = {
@@ -158,7 +158,7 @@ def lower_layer() -> list[Result]:
 def _least(
     tapes: list[list[Tick]], perception: Perception, policy: Timed, shield: Shield | None = None
 ) -> NDArray[np.float64]:
-    """``replay``, each tick's least of several, after one that compiles."""
+    """Least time of each tick over several calls of ``replay``, after one that compiles."""
     replay(tapes[:1], perception, policy, shield)
     return np.min([replay(tapes, perception, policy, shield) for _ in range(REPEATS)], axis=0)
 
@@ -172,7 +172,7 @@ def _step(name: str, seconds: NDArray[np.float64], where: str, limit: float) -> 
 
 
 def _critic(tapes: list[list[Tick]], perception: Perception, critic: LearnedCritic) -> Result:
-    """V^h of points all around, by what was perceived first."""
+    """Time V^h of points all around, by the first percept."""
     perception.reset()
     percept = perception.update(tapes[0][0].scan, tapes[0][0].odometry)
     points = np.random.default_rng(0).uniform(-4.0, 4.0, (CANDIDATES, 2))

@@ -1,4 +1,4 @@
-"""Clocks of the benchmarks, and how they report."""
+"""Clocks and results of the benchmarks."""
 
 import contextlib
 import functools
@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 Result = dict[str, Any]
-"""name, value, unit and meaning."""
+"""A result: name, value, unit and meaning."""
 
 
 def result(name: str, value: float, unit: str, meaning: str) -> Result:
@@ -32,7 +32,7 @@ class StageClock:
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
         self._inner = [0.0]
-        """Time of the watched calls inside each call that is going on."""
+        """Time of the watched calls inside each running call [s]."""
 
     @contextlib.contextmanager
     def watch(self, name: str, owner: Any, call: str) -> Iterator[None]:
