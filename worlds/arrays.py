@@ -15,13 +15,13 @@ class ShapeArrays:
     """n upright shapes, column by column."""
 
     is_cylinder: NDArray[np.bool_]
-    """(n,)"""
+    """(n,) mask of the cylinders."""
     centre: FloatArray
-    """(n, 2) [m]"""
+    """(n, 2) centres [m]."""
     half: FloatArray
     """(n, 2) half length and half width of a box; (radius, radius) of a cylinder [m]."""
     yaw: FloatArray
-    """(n,) [rad]"""
+    """(n,) yaw [rad]."""
     z: FloatArray
     """(n, 2) lower and upper face [m]."""
 
@@ -31,7 +31,7 @@ class ShapeArrays:
 
 
 def pack_shapes(shapes: Sequence[Shape]) -> ShapeArrays:
-    """The same shapes, in the same order, as arrays."""
+    """Pack shapes into arrays, in the same order."""
     n = len(shapes)
     packed = ShapeArrays(np.zeros(n, np.bool_), np.zeros((n, 2)), np.zeros((n, 2)), np.zeros(n), np.zeros((n, 2)))
     for i, shape in enumerate(shapes):

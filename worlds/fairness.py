@@ -1,6 +1,6 @@
 """Share of a world's seeds that can be solved: ``python -m worlds.fairness factory --region 4 --radius 0.285``.
 
-A seed counts as solvable if a disc that knows where every mover will be can reach the goal within the time limit.
+A seed counts as solvable if a disc with exact prediction of every mover can reach the goal within the time limit.
 """
 
 import sys
@@ -23,7 +23,7 @@ RADII, RESOLUTIONS = (0.01, 2.0), (0.02, 2.0)
 
 @dataclass(frozen=True, slots=True)
 class Fairness:
-    """Result of :func:`fairness`: the seeds that can be solved, and how fast."""
+    """Result of :func:`fairness`: the seeds that can be solved, and the arrival times."""
 
     unsolved: tuple[int, ...]
     """Seeds whose goal cannot be reached before the time limit."""

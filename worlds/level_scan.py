@@ -1,8 +1,8 @@
-"""A level lidar in many worlds at once: what ``worlds.raycast`` gives for one, to rounding, for training.
+"""A level lidar in many worlds at once, for training; equal to ``worlds.raycast`` in each, to rounding.
 
-With beams in a plane, what a beam can hit of a box are the lines of its one or two faces that look at the lidar, and
-each face fills one run of beams. Within a run the range is a division, or for a cylinder a square root: no beam is
-tried on what it cannot hit, and the loops over beams are straight ones that the compiler turns into vectors.
+With beams in a plane, a beam can hit the one or two faces of a box that look at the lidar, and each face fills one run
+of beams. Within a run the range is a division, or for a cylinder a square root: no beam is
+tried on a shape that it cannot hit, and the loops over beams are straight ones that the compiler turns into vectors.
 """
 
 import math
@@ -17,31 +17,31 @@ from worlds.arrays import ShapeArrays
 LEVEL_COLUMNS = 10
 """Columns of a shape for ``cast_level``, in the order of the names below."""
 SHAPE_X, SHAPE_Y, SHAPE_COS, SHAPE_SIN, HALF_LENGTH, HALF_WIDTH, IS_CYLINDER, BOUND, LOWER, UPPER = range(LEVEL_COLUMNS)
-"""Centre, direction, half sizes, kind, bounding radius, and the heights it reaches from and to."""
+"""Columns of a shape: centre, direction, half sizes, kind, bounding radius, and the heights it reaches from and to."""
 
 
 class Standing(NamedTuple):
-    """What stands still in all layouts, one layout after the other."""
+    """The static shapes of all layouts, one layout after the other."""
 
     shapes: np.ndarray
-    """(s, LEVEL_COLUMNS)"""
+    """The shapes, (s, LEVEL_COLUMNS)."""
     first: np.ndarray
-    """Where a layout's shapes begin, and where the last one's end, (layouts + 1,)."""
+    """Index at which each layout's shapes begin, and the end of the last one's, (layouts + 1,)."""
 
 
 class CurrentParts(NamedTuple):
     """The movers' parts in n worlds, at one moment."""
 
     shapes: np.ndarray
-    """(n, p, LEVEL_COLUMNS); their poses are taken from ``poses``."""
+    """The parts, (n, p, LEVEL_COLUMNS); their poses are taken from ``poses``."""
     poses: np.ndarray
     """x, y, cos, sin in the world, (n, p, 4) [m]."""
     counts: np.ndarray
-    """How many of them there are, (n,)."""
+    """Number of parts in each world, (n,)."""
 
 
 def level_columns(shapes: ShapeArrays) -> FloatArray:
-    """Shapes as ``cast_level`` takes them, (n, LEVEL_COLUMNS)."""
+    """Convert shapes to the columns of ``cast_level``, (n, LEVEL_COLUMNS)."""
     radius = np.where(shapes.is_cylinder, shapes.half[:, 0], np.hypot(shapes.half[:, 0], shapes.half[:, 1]))
     cos, sin = np.cos(shapes.yaw), np.sin(shapes.yaw)
     return np.column_stack([shapes.centre, cos, sin, shapes.half, shapes.is_cylinder.astype(float), radius, shapes.z])
@@ -49,19 +49,19 @@ def level_columns(shapes: ShapeArrays) -> FloatArray:
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def cast_level(rows, poses, heights, layout, standing, parts, beams, max_range, ranges):
-    """Scans of level lidars, each in a world of its own.
+    """Cast scans of level lidars, each in a world of its own.
 
     A beam that starts inside a shape returns the way out.
 
     Args:
-        rows: Which rows to cast, (k,).
+        rows: Indices of the rows to cast, (k,).
         poses: x, y, yaw of the lidars, (n, 3) [m, rad].
-        heights: Of their planes above the floor, (n,) [m].
-        layout: Of each row, (n,).
+        heights: Heights of their planes above the floor, (n,) [m].
+        layout: Layout of each row, (n,).
         standing: A ``Standing``.
         parts: A ``CurrentParts``.
         beams: cos, sin of the beams in the lidar's frame, (2, num_beams); the first at -pi, evenly spaced.
-        max_range: [m]
+        max_range: Maximum range [m].
         ranges: Output (n, num_beams), ``inf`` beyond the maximum range [m].
     """
     num_beams = beams.shape[1]
@@ -100,10 +100,10 @@ def _see(place, row, base, direction, max_range, out):
 
     Args:
         place: x, y from the shape's centre to the lidar, cos, sin of the shape.
-        row: Of the shape, (LEVEL_COLUMNS,).
+        row: Columns of the shape, (LEVEL_COLUMNS,).
         base: cos, sin of the lidar.
-        direction: Of the beams in the world, (2, num_beams).
-        max_range: [m]
+        direction: cos, sin of the beams in the world, (2, num_beams).
+        max_range: Maximum range [m].
         out: Ranges, shortened, (num_beams,).
     """
     px, py, cos, sin = place
@@ -126,7 +126,7 @@ def _see(place, row, base, direction, max_range, out):
         half = math.asin(hx / math.sqrt(square))
         begin = math.ceil((middle - half + math.pi) / pitch - 1e-9)
         end = math.floor((middle + half + math.pi) / pitch + 1e-9)
-        for part in range(2):  # what wraps round is done in two runs
+        for part in range(2):  # a run that wraps round is split in two
             low, high = _run(begin, end, num_beams, part)
             for k in range(low, high):
                 half_b = px * direction[0, k] + py * direction[1, k]
@@ -176,7 +176,7 @@ def _see(place, row, base, direction, max_range, out):
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
 def _way_out(start, direction, half):
-    """From within ``|x| <= half`` to its end."""
+    """Length of a ray from within ``|x| <= half`` to its end."""
     if abs(direction) < 1e-12:
         return math.inf
     return ((half if direction > 0.0 else -half) - start) / direction
@@ -184,7 +184,7 @@ def _way_out(start, direction, half):
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
 def _bearing(ux, uy, ax, ay):
-    """Of a vector in the box's frame, in the lidar's; (ax, ay) is the box's x axis there [rad]."""
+    """Bearing in the lidar's frame of a vector in the box's [rad]; (ax, ay) is the box's x axis in the lidar's."""
     return math.atan2(ay * ux + ax * uy, ax * ux - ay * uy)
 
 

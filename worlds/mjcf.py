@@ -1,6 +1,6 @@
 """A world as an MJCF model: the floor, static obstacles as geoms, and a mocap body for each part of a mover.
 
-Collision bits: a body's geoms carry ``contype`` of what they may touch, the world's geoms the matching
+Collision bits: a body's geoms carry ``contype`` bits of the geoms they may touch, the world's geoms the matching
 ``conaffinity``, so no geom of the world is ever tested against another one of the world.
 """
 

@@ -3,7 +3,7 @@
 A planar lidar on a tilted body casts its beams in a tilted plane. For each shape the kernel finds the beams
 that can meet it at all: the two silhouette directions of the shape as seen from the origin, taken back through
 the plane's projection onto the floor, are exactly the first and the last beam. Shapes are visited roughly
-nearest first, so that most beams behind something near are dismissed by one comparison.
+nearest first, so that most beams behind a near shape are dismissed by one comparison.
 
 A beam that starts inside a shape returns the way out, as MuJoCo's ray casting does. The floor is seen from above.
 """
@@ -21,23 +21,24 @@ from worlds.arrays import ShapeArrays
 _CX, _CY, _HX, _HY, _COS, _SIN, _Z0, _Z1, _CYLINDER, _RADIUS = range(10)
 _COLUMNS = 10
 _BINS = 48
-"""Of distance, for the order of visits: 0.25 m each at 12 m."""
+"""Number of distance bins, for the order of visits: 0.25 m each at 12 m."""
 _MIN_PROJECTION = 0.1
-"""Below this determinant the scan plane stands nearly upright (tilt above 84 degrees) and every beam tries all."""
+"""Determinant of the projection below which the scan plane is nearly upright (tilt above 84 degrees) and every beam
+tries all shapes."""
 
 
 class _Caster(NamedTuple):
-    """What a caster keeps from scan to scan."""
+    """State that a caster keeps from scan to scan."""
 
     shapes: np.ndarray
-    """What stands still, then the movers' parts, (s, _COLUMNS)."""
+    """The static shapes, then the movers' parts, (s, _COLUMNS)."""
     num_static: int
     beams: np.ndarray
-    """cos, sin in the lidar's frame, (num_beams, 2)."""
+    """cos, sin of the beams in the lidar's frame, (num_beams, 2)."""
     max_range: float
-    """[m]"""
+    """Maximum range [m]."""
     directions: np.ndarray
-    """Scratch: of the beams in the world, (num_beams, 3)."""
+    """Scratch: directions of the beams in the world, (num_beams, 3)."""
     near: np.ndarray
     """Scratch: see ``_sort_by_distance``, (s, 3)."""
     order: np.ndarray
@@ -48,7 +49,7 @@ class RayCaster:
     """Casts all beams of a lidar into a world.
 
     Args:
-        static: What stands still, in the world.
+        static: The static shapes, in the world.
         part_shapes: The movers' parts: sizes and heights; their poses come with each cast.
         lidar: Beam directions in the lidar's frame and maximum range.
     """
@@ -68,7 +69,7 @@ class RayCaster:
         """Fill ``ranges`` with the distance to the first surface, ``inf`` beyond the maximum range.
 
         Args:
-            origin: Of the lidar in the world, (3,) [m].
+            origin: Origin of the lidar in the world, (3,) [m].
             world_from_lidar: Rotation, (3, 3).
             part_poses: x, y, yaw of each part's centre in the world, (num_parts, 3).
             ranges: Output, (num_beams,) [m].
@@ -188,7 +189,7 @@ def _cast(caster, part_poses, origin, rotation, ranges):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _slab(start, direction, low, high):
-    """Where a ray enters and leaves ``low <= x <= high``."""
+    """Lengths along a ray at which it enters and leaves ``low <= x <= high``."""
     if abs(direction) < 1e-12:
         if low <= start <= high:
             return -math.inf, math.inf
@@ -200,10 +201,10 @@ def _slab(start, direction, low, high):
 
 @njit(cache=True, error_model="numpy")
 def _sort_by_distance(shapes, ox, oy, lowest, highest, max_range, near, order):
-    """Shapes within reach, nearest first to a bin's width.
+    """Sort the shapes within reach, nearest first to a bin's width.
 
     Fills ``near[i]`` with the origin in the shape's frame (a cylinder's: not rotated) and the horizontal
-    distance to its surface, 0 inside; ``order[1]`` with the shapes' indices. Returns how many there are.
+    distance to its surface, 0 inside; ``order[1]`` with the shapes' indices. Returns their number.
     """
     num_shapes = len(shapes)
     scale = _BINS / max_range

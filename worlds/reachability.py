@@ -1,4 +1,4 @@
-"""Reachability of a goal in space and time: a disc that knows where every moving obstacle will be looks for a way."""
+"""Reachability of a goal in space and time, for a disc with exact prediction of every moving obstacle."""
 
 import math
 from typing import NamedTuple
@@ -14,7 +14,7 @@ from worlds.world import World
 
 
 class ReachabilityResult(NamedTuple):
-    """Answer of :func:`reachable`."""
+    """Result of :func:`reachable`."""
 
     reached: bool
     """Whether the goal can be reached before the horizon."""
@@ -34,7 +34,7 @@ class Grid(NamedTuple):
 
 
 class Crowd(NamedTuple):
-    """Where every moving obstacle will be, and how near a disc may come to it."""
+    """Future positions of every moving obstacle, and the least distances of a disc to them."""
 
     tracks: FloatArray
     """x, y at each tick (ticks + 1, m, 2) [m]."""
@@ -70,7 +70,7 @@ def _mark_capsule(unsafe, stamp, begin, end, reach, grid):
 
 @njit(cache=True)
 def earliest_arrival(blocked, grid, crowd, start, start_time, goal, v_max, layers):
-    """Earliest time at which a disc that knows all futures can be in the goal's cell [s]; ``inf`` if it never can.
+    """Earliest time at which a disc can be in the goal's cell [s], given all movers' paths; ``inf`` if it never can.
 
     Time goes by layers of one cell's side at full speed. After each layer every cell has the earliest time at which
     the disc can be in it, and since when it has been safe there.
@@ -79,11 +79,11 @@ def earliest_arrival(blocked, grid, crowd, start, start_time, goal, v_max, layer
         blocked: Cells that the disc's centre must keep out of (rows, columns).
         grid: The :class:`Grid` of these cells.
         crowd: A :class:`Crowd`.
-        start: Row and column.
+        start: Row and column of the start.
         start_time: Time at which the disc is at the centre of the start's cell [s].
-        goal: Row and column.
+        goal: Row and column of the goal.
         v_max: Greatest speed of the disc [m/s].
-        layers: How many layers to look ahead.
+        layers: Number of layers to look ahead.
     """
     rows, columns = blocked.shape
     tracks, tick = crowd.tracks, crowd.tick
@@ -103,7 +103,7 @@ def earliest_arrival(blocked, grid, crowd, start, start_time, goal, v_max, layer
                 if unsafe[row, column] == layer:
                     arrival[row, column] = np.inf
                     safe_since[row, column] = end
-        # A hop takes at least one layer, so what hops into a cell now was in its own cell before this layer:
+        # A hop takes at least one layer, so a hop into a cell now began before this layer:
         # the order in which cells are looked at does not matter.
         for row in range(rows):
             for column in range(columns):
@@ -127,7 +127,7 @@ def earliest_arrival(blocked, grid, crowd, start, start_time, goal, v_max, layer
 
 
 def reachable(world: World, radius: float, v_max: float, horizon: float, resolution: float = 0.2) -> ReachabilityResult:
-    """Decide whether a disc that knows all futures can reach the goal, and when at the earliest.
+    """Decide whether a disc can reach the goal, given all movers' paths, and at what earliest time.
 
     The disc moves between the 8 neighbours of a cell at up to ``v_max``, waits as it likes, has no inertia, and is
     never inside a mover's circle. Every approximation errs on the side of "not reachable": ways off the eight

@@ -77,13 +77,13 @@ def make_world(
     without: str = "",
     footprint_radius: float = 0.35,
 ) -> World:
-    """A world by name, or from a scene file.
+    """Make a world by name, or from a scene file.
 
     Args:
         name: One of ``WORLDS``, or a path that ends in .yaml or .yml.
-        seed: Non-negative; the same seed is the same world. A scene file is what it is whatever the seed.
+        seed: Non-negative; the same seed gives the same world. A scene file does not depend on it.
         region: Region of the factory, 1 to 4.
-        movers: How many moving obstacles, for the worlds that take it.
+        movers: Number of moving obstacles, for the worlds that take it.
         without: Difficulties to switch off, letters of "VUCA". V: nothing moves. C: walls, blocks and shelves
             are gone, but for the outer ones. U and A are for the robot and change nothing here.
         footprint_radius: Radius of the circle about the footprint that must be able to reach the goal [m].
@@ -123,7 +123,7 @@ def make_world(
 
 
 def ordered_difficulties(without: str) -> str:
-    """The same letters in the order of ``DIFFICULTIES``, each once.
+    """Sort letters of difficulties into the order of ``DIFFICULTIES``, each once.
 
     Raises:
         BadArgument: A letter is not one of them.

@@ -36,12 +36,12 @@ class Occupancy:
 
 
 def occupancy(world: World, resolution: float = 0.1, inflation: float = 0.0) -> Occupancy:
-    """The static obstacles and what lies beyond the bounds, inflated; the movers are not in it.
+    """Occupancy of the static obstacles and of all beyond the bounds, inflated; movers are left out.
 
     Args:
         world: Any world.
         resolution: Side of a cell [m].
-        inflation: A cell is blocked if its centre is less than this away from something solid, or inside it [m].
+        inflation: A cell is blocked if its centre is inside a solid, or less than this away from one [m].
     """
     field = clearance_field(world.obstacles, world.bounds, resolution, max(inflation, resolution) + resolution)
     return Occupancy(field.distance < max(inflation, 1e-9), field.origin, resolution)
@@ -70,7 +70,7 @@ def _push(heap_cost, heap_cell, size, cost, cell):
 
 @njit(cache=True)
 def _pop(heap_cost, heap_cell, size):
-    """Remove the top, which the caller has read."""
+    """Remove the top of the heap, which the caller has read."""
     size -= 1
     cost, cell = heap_cost[size], heap_cell[size]
     at = 0
@@ -167,7 +167,7 @@ def shortest_path(world: World, radius: float) -> FloatArray:
     """The shortest way of a disc from start to goal around the static obstacles, (n, 2) [m]; empty if there is none.
 
     A* over 16 neighbours, pulled tight by lines of sight: an any-angle path, within about 1% of the true shortest.
-    This is also what "can be reached" means. A way that leaves less than half a cell of ``RESOLUTIONS`` beside the
+    It also defines "can be reached". A way that leaves less than half a cell of ``RESOLUTIONS`` beside the
     disc may be missed.
 
     Args:

@@ -1,7 +1,7 @@
 """Random streams for kernels: splitmix64 (Steele, Lea and Flood 2014), a seed and a counter for each stream.
 
-A number is a function of its stream's seed and of how many were drawn before: whatever else is drawn, and on however
-many threads, a stream gives the same.
+A number is a function of its stream's seed and of how many were drawn before: a stream gives the same numbers, whatever
+else is drawn and on however many threads.
 """
 
 import numpy as np
@@ -13,12 +13,12 @@ _FIRST, _SECOND = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 
 @njit(cache=True, nogil=True)
 def next_uniform(seeds, drawn, i):
-    """Next number of stream i in [0, 1).
+    """Draw the next number of stream i in [0, 1).
 
     Args:
-        seeds: (n,) uint64.
-        drawn: How many were drawn of each, (n,) uint64; counted on.
-        i: Which stream.
+        seeds: Seeds of the streams, (n,) uint64.
+        drawn: Numbers drawn of each stream so far, (n,) uint64; counted on.
+        i: Index of the stream.
     """
     drawn[i] += np.uint64(1)
     z = seeds[i] + drawn[i] * _GOLDEN

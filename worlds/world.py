@@ -65,7 +65,7 @@ class Obstacle:
 class MoverPart:
     """A rigid piece of a mover.
 
-    A part with a swing moves to and fro along the mover's x axis as the mover walks:
+    A part with a swing moves back and forth along the mover's x axis as the mover walks:
     ``x = shape.x + swing * sin(2 pi * distance_walked / STRIDE)``, so a pair of legs has opposite swings.
     """
 
@@ -94,12 +94,12 @@ class RandomWalk:
 
 @dataclass(frozen=True, slots=True)
 class Patrol:
-    """Motion to and fro along a polyline at constant speed. It does not react to the robot."""
+    """Motion back and forth along a polyline at constant speed. It does not react to the robot."""
 
     speed: float
     """[m/s]"""
     waypoints: tuple[tuple[float, float], ...]
-    """The first is where it starts [m]."""
+    """Corners of the polyline; the first is the start [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +109,7 @@ class SocialForce:
     speed: float
     """Desired speed [m/s]."""
     waypoints: tuple[tuple[float, float], ...]
-    """Visited in turn, over and over [m]."""
+    """Waypoints, visited in turn, over and over [m]."""
 
 
 Motion = RandomWalk | Patrol | SocialForce
@@ -129,7 +129,7 @@ class Mover:
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """A part of one of several ways to the goal: the one that is taken shows how a planner weighs them."""
+    """A part of one of several ways to the goal: the way that is taken shows how a planner weighs them."""
 
     name: str
     box: tuple[float, float, float, float]
@@ -150,7 +150,7 @@ class World:
     goal: tuple[float, float]
     """[m]"""
     ways: tuple[Way, ...] = ()
-    """Parts of the alternative ways to the goal, in worlds made to tell which one a planner takes."""
+    """Parts of the alternative ways to the goal, in worlds that record which one a planner takes."""
 
     def way_of(self, pose: Pose2) -> str | None:
         """Name of the way that a pose is on, None if it is on none."""

@@ -1,1 +1,1 @@
-"""How moving obstacles move."""
+"""Motion of the moving obstacles."""

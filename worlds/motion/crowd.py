@@ -1,8 +1,8 @@
 """The social force model of pedestrians: Helbing and Molnar, "Social force model for pedestrian dynamics" (1995).
 
-A person accelerates towards its desired velocity and is pushed away, exponentially with the distance between their
-circles, by other people, the robot and walls; what is behind counts less. Two things are added so that nobody is
-stuck for ever: a push is turned a little to the right, and who gets no further for a while goes back.
+A pedestrian accelerates towards its desired velocity and is pushed away, exponentially with the distance between
+circles, by other movers, the robot and walls; those behind it count less. Two rules are added so that no pedestrian is
+stuck for ever: a push is turned a little to the right, and a pedestrian without progress for a while goes back.
 """
 
 import math
@@ -27,32 +27,32 @@ from worlds.motion.mover_columns import (
 )
 
 RELAXATION = 0.5
-"""Time in which a person regains the desired velocity [s] (Helbing and Molnar 1995)."""
+"""Time in which a pedestrian regains the desired velocity [s] (Helbing and Molnar 1995)."""
 PUSH = 7.0
-"""Acceleration between two whose circles touch [m/s^2]: V0 / sigma = 2.1 m^2/s^2 / 0.3 m (Helbing and Molnar 1995)."""
+"""Acceleration of two pedestrians at contact [m/s^2]: V0 / sigma = 2.1 m^2/s^2 / 0.3 m (Helbing and Molnar 1995)."""
 PUSH_RANGE = 0.3
-"""Over which the push between people falls by e [m] (sigma, Helbing and Molnar 1995)."""
+"""Distance over which the push between pedestrians falls by e [m] (sigma, Helbing and Molnar 1995)."""
 WALL_PUSH = 5.0
-"""Acceleration of a person who touches a wall [m/s^2]. Helbing and Molnar have 50 m/s^2 over 0.2 m for points; of
-circles in doors of 1 m that would let nobody through."""
+"""Acceleration of a pedestrian that touches a wall [m/s^2]. Helbing and Molnar have 50 m/s^2 over 0.2 m for points; of
+circles it would bar doors of 1 m."""
 WALL_RANGE = 0.1
-"""[m]"""
+"""Distance over which the push of a wall falls by e [m]."""
 BEHIND = 0.5
-"""Weight of what a person does not look at (c of Helbing and Molnar 1995, who have 0.5)."""
+"""Weight of a push from straight behind (c of Helbing and Molnar 1995, also 0.5)."""
 SIDESTEP = 0.3
-"""Share of a push that is turned to the right, so that two who meet head on pass each other."""
+"""Share of a push that is turned to the right, so that two pedestrians that meet head on pass each other."""
 MAX_SPEED_FACTOR = 1.3
 """Fastest walk over desired speed (Helbing and Molnar 1995)."""
 SIGHT = 3.0
-"""Others farther away are ignored [m]; their push is below 0.003 m/s^2."""
+"""Distance beyond which others are ignored [m]; their push is below 0.003 m/s^2."""
 ARRIVAL = 0.4
 """A waypoint counts as visited within this distance [m]."""
 KEEP_OFF = 0.05
-"""Least distance of a person's circle from a wall [m]: the error of a distance interpolated on 0.1 m cells."""
+"""Least distance of a pedestrian's circle from a wall [m]: the error of a distance interpolated on 0.1 m cells."""
 PATIENCE = 4.0
-"""After so long without progress a person turns round and walks its way backwards [s]."""
+"""Time without progress after which a pedestrian turns round and walks its way backwards [s]."""
 PROGRESS_STEP = 0.3
-"""Nearer to the waypoint by this counts as progress [m]."""
+"""Approach to the waypoint that counts as progress [m]."""
 
 
 @njit(cache=True)
@@ -97,7 +97,7 @@ def _choose_waypoint(i, dt, constants, state, waypoints):
 
 @njit(cache=True)
 def _push_from_disc(state, i, radius, ex, ey, other_x, other_y, other_r):
-    """Acceleration of person i by a disc, its share to the right included."""
+    """Acceleration of pedestrian i by a disc, its share to the right included."""
     dx, dy = state[i, X] - other_x, state[i, Y] - other_y
     distance = math.sqrt(dx * dx + dy * dy)
     if distance > SIGHT or distance < 1e-6:
@@ -105,22 +105,22 @@ def _push_from_disc(state, i, radius, ex, ey, other_x, other_y, other_r):
     nx, ny = dx / distance, dy / distance
     facing = BEHIND + (1.0 - BEHIND) * 0.5 * (1.0 - nx * ex - ny * ey)
     size = PUSH * facing * math.exp(min((radius + other_r - distance) / PUSH_RANGE, 1.5))
-    # What is ahead has n = -e; its right-hand normal (-ny, nx) then points to the person's right.
+    # A disc ahead has n = -e; its right-hand normal (-ny, nx) then points to the pedestrian's right.
     return size * (nx - SIDESTEP * ny), size * (ny + SIDESTEP * nx)
 
 
 @njit(cache=True)
 def social_force_tick(dt, constants, state, clearance, grid, waypoints, force, robot):
-    """New velocities of all who walk by social force, from everybody's present positions.
+    """Write new velocities of all pedestrians, from the present positions of all movers.
 
     Args:
-        dt: Until the next tick [s].
-        constants: (m, 5) of the movers.
-        state: (m, 12) of the movers; the velocities are written.
+        dt: Time until the next tick [s].
+        constants: (m, 5) constants of the movers.
+        state: (m, 12) state of the movers; the velocities are written.
         clearance: (rows, columns) distance to the nearest wall [m].
-        grid: Its origin x, y and its resolution [m].
-        waypoints: (n, 2) of all movers [m].
-        force: (m, 2) work space.
+        grid: Origin x, y and resolution of ``clearance`` [m].
+        waypoints: (n, 2) waypoints of all movers [m].
+        force: (m, 2) scratch.
         robot: x, y, radius [m]; a negative radius means none.
     """
     h = grid[2]
@@ -154,7 +154,7 @@ def social_force_tick(dt, constants, state, clearance, grid, waypoints, force, r
 
 @njit(cache=True)
 def _slide(i, dt, vx, vy, constants, state, clearance, grid):
-    """The velocity, or what of it leads along a wall rather than into it."""
+    """The velocity, or its part along a wall where it leads into one."""
     x, y, least = state[i, X], state[i, Y], constants[i, RADIUS] + KEEP_OFF
     here = _distance(clearance, grid, x, y)
     for k in range(3):

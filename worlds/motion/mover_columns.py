@@ -1,7 +1,7 @@
-"""What the columns of the movers' arrays mean, for the kernels that work on them."""
+"""Names of the columns of the movers' arrays, for the kernels that work on them."""
 
 RANDOM_WALK, PATROL, SOCIAL_FORCE = 0, 1, 2
-"""Motions."""
+"""Values of ``MOTION``."""
 MOTION, SPEED, RADIUS, FIRST_WAYPOINT, WAYPOINTS = range(5)
 """Columns of a mover's constants."""
 X, Y, YAW, V_X, V_Y, WALKED, RUN, SINCE_TURN, TARGET, DIRECTION, PROGRESS, STUCK = range(12)

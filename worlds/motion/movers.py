@@ -1,8 +1,8 @@
-"""Where the moving obstacles are: stepped by compiled kernels, deterministic in the world alone.
+"""Positions of the moving obstacles, stepped by compiled kernels and determined by the world alone.
 
 Decisions are taken at fixed ticks (30 a second) whatever the caller's time step, and between ticks everything
 moves on straight lines: the motion is a function of time, the same for a physics step of 1/300 s and a planning
-step of 1/10 s. Only a crowd (``SocialForce``) also depends on where the robot is at each tick.
+step of 1/10 s. Only a crowd (``SocialForce``) also depends on the robot's place at each tick.
 """
 
 import math
@@ -39,16 +39,16 @@ from worlds.scenes.population import MOVER_WAY
 from worlds.world import STRIDE, Patrol, RandomWalk, World
 
 TICK_RATE = 30.0
-"""Decisions a second [Hz]."""
+"""Rate of decisions [Hz]."""
 TICK = 1.0 / TICK_RATE
-"""[s]"""
+"""Time between two decisions [s]."""
 TURN_RATE = 6.0
-"""Fastest turn of a mover's own shape towards where it walks [rad/s]."""
+"""Greatest yaw rate of a mover's own shape towards its direction of motion [rad/s]."""
 
 
 @njit(cache=True)
 def _yaw_rate(state, i):
-    """At which a mover turns towards where it walks, until the next tick [rad/s]."""
+    """Yaw rate of a mover towards its direction of motion, until the next tick [rad/s]."""
     if state[i, V_X] == 0.0 and state[i, V_Y] == 0.0:
         return 0.0
     error = math.atan2(state[i, V_Y], state[i, V_X]) - state[i, YAW]
@@ -58,7 +58,7 @@ def _yaw_rate(state, i):
 
 @njit(cache=True)
 def _move(state, dt):
-    """Straight on for a whole tick."""
+    """Move all straight on for a whole tick."""
     for i in range(len(state)):
         state[i, YAW] += _yaw_rate(state, i) * dt
         state[i, X] += state[i, V_X] * dt
@@ -68,7 +68,7 @@ def _move(state, dt):
 
 @njit(cache=True)
 def _write_out(since_tick, state, parts, part_mover, poses, velocities, part_poses):
-    """Poses and velocities, so long after the last tick."""
+    """Write poses and velocities at a time after the last tick."""
     for i in range(len(state)):
         poses[i, 0] = state[i, X] + state[i, V_X] * since_tick
         poses[i, 1] = state[i, Y] + state[i, V_Y] * since_tick
@@ -88,9 +88,9 @@ def _write_out(since_tick, state, parts, part_mover, poses, velocities, part_pos
 class MoverField:
     """All moving obstacles of a world over time. The arrays are updated in place by each step.
 
-    Random walkers keep to the part of the free space that is at least 2.2 m wide. They turn away from other
-    movers that come near, but never from the robot; in a press they may brush through each other, rather than
-    tremble on the spot. Patrols follow their line whatever is on it.
+    Movers on a random walk keep to the part of the free space that is at least 2.2 m wide. They turn away from
+    other movers that come near, but never from the robot; in a press they may brush through each other, rather than
+    tremble on the spot. Patrols follow their line through anything.
 
     Attributes:
         poses: (m, 3) x, y, yaw of the movers in the world [m, rad].
@@ -98,7 +98,7 @@ class MoverField:
         part_poses: (p, 3) x, y, yaw of every part's own centre in the world [m, rad].
         part_shapes: p shapes in their mover's frame, in the order of ``part_poses``.
         part_mover: (p,) index of the mover that a part belongs to.
-        time: Since the start [s].
+        time: Time since the start [s].
     """
 
     def __init__(self, world: World):
@@ -142,7 +142,7 @@ class MoverField:
         self._counters = np.zeros(m, np.uint64)
         self._robot = np.zeros(3)
         self._has_crowd = bool((self._constants[:, MOTION] == SOCIAL_FORCE).any())
-        # The kernels' arguments never change but in their contents: bound once, a step looks nothing up.
+        # Only the contents of the kernels' arguments change: bound once, a step looks nothing up.
         self._decision = (
             TICK, self._constants, self._state, self._seeds, self._counters, self._away, self._grid,
             self._waypoints,
@@ -157,7 +157,7 @@ class MoverField:
         self.reset()
 
     def reset(self) -> None:
-        """Back to the start, every random stream included."""
+        """Go back to the start, every random stream included."""
         self.time, self._ticks = 0.0, 0
         self._state[:] = 0.0
         self._counters[:] = 0
@@ -171,7 +171,7 @@ class MoverField:
         _write_out(0.0, *self._output)
 
     def step(self, dt: float, robot: tuple[float, float, float] | None = None) -> None:
-        """Move everything on.
+        """Move all movers on.
 
         Args:
             dt: Any time step [s]; the motion does not depend on how the time is cut into steps.
@@ -187,7 +187,7 @@ class MoverField:
         _write_out(max(self.time - due * TICK, 0.0), *self._output)
 
     def _decide(self, robot: tuple[float, float, float] | None) -> None:
-        """One tick's decisions."""
+        """Take one tick's decisions."""
         # Both kernels are called from here, not from another kernel: they live in other files, and Numba's cache
         # would not see that they changed.
         decide(*self._decision)

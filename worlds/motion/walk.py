@@ -1,4 +1,4 @@
-"""How random walkers and patrols decide where to go. They see walls and each other, never the robot."""
+"""Decisions of random walks and patrols. Their movers see walls and each other, never the robot."""
 
 import math
 from typing import NamedTuple
@@ -37,24 +37,24 @@ from worlds.splitmix import next_uniform
 from worlds.world import STRIDE
 
 MIN_RUN = 1.0
-"""A random walker picks a heading that is free for so far, if one of its tries is [m]."""
+"""Length that must be free along a random walk's new heading, if one of the tries has it [m]."""
 MAX_RUN = 8.0
-"""It picks a new one after at most this [m]."""
+"""Greatest length of a random walk along one heading [m]."""
 PATIENCE = 0.7
 """Shortest time between two turns to let another mover pass [s]: no trembling in a press."""
 TRIES = 24
-"""Headings tried."""
+"""Number of headings tried."""
 PERSONAL_GAP = 0.15
-"""Random walkers turn away from each other at this distance between their circles [m]."""
+"""Distance between circles at which movers on a random walk turn away from each other [m]."""
 CROSSING = 0.5
 """Share of the patrols that are drawn across the straight way of the robot."""
 MIN_PATROL, MAX_PATROL = 3.0, 20.0
-"""Of a patrol that is drawn, from end to end, and ahead of where it starts [m]."""
+"""Least and greatest length of a patrol that is drawn, from end to end and ahead of its start [m]."""
 
 
 @njit(cache=True)
 def _free_run(away, grid, limit, x, y, cos, sin, longest):
-    """How far from here straight on stays within the mover's ways [m], in steps of half a cell."""
+    """Length straight on that stays within the mover's ways [m], in steps of half a cell."""
     rows, columns = away.shape
     step = 0.5 * grid[2]
     run = 0.0
@@ -128,7 +128,7 @@ def _walk_on(i, dt, turns, constants, state, seeds, counters, away, grid):
 
 @njit(cache=True)
 def _patrol_tick(i, dt, constants, state, waypoints):
-    """Velocity that leads straight towards the next waypoint, or past it by what is left of this tick."""
+    """Velocity that leads straight towards the next waypoint, or past it by the rest of this tick."""
     first, count = int(constants[i, FIRST_WAYPOINT]), int(constants[i, WAYPOINTS])
     left = constants[i, SPEED] * dt
     x, y = state[i, X], state[i, Y]
@@ -151,7 +151,7 @@ def _patrol_tick(i, dt, constants, state, waypoints):
 
 @njit(cache=True)
 def decide(dt, constants, state, seeds, counters, away, grid, waypoints):
-    """New velocities of walkers and patrols, from the present positions of all, until the next tick."""
+    """Write new velocities of random walks and patrols until the next tick, from the present positions of all."""
     for i in range(len(state)):
         if constants[i, MOTION] == RANDOM_WALK:
             _random_walk_tick(i, dt, constants, state, seeds, counters, away, grid)
@@ -163,12 +163,12 @@ def decide(dt, constants, state, seeds, counters, away, grid, waypoints):
 
 
 class WideWays(NamedTuple):
-    """Where movers keep to, on all layouts' grids."""
+    """The wide ways that movers keep to, on all layouts' grids."""
 
     away: np.ndarray
     """Distance of every cell to the wide ways, one layout after the other, (cells,) [m]."""
     shape: np.ndarray
-    """Where each layout's cells begin, its rows and its columns, (layouts, 3)."""
+    """Index at which each layout's cells begin, its rows and its columns, (layouts, 3)."""
     grids: np.ndarray
     """Origin x, y and resolution of each layout's grid, (layouts, 3) [m]."""
 
@@ -177,82 +177,82 @@ class MoverRows(NamedTuple):
     """The movers of n worlds, at most m in each."""
 
     counts: np.ndarray
-    """(n,)"""
+    """Number of movers in each world, (n,)."""
     kinds: np.ndarray
-    """Which shape each has, (n, m)."""
+    """Kind of each mover's shape, (n, m)."""
     constants: np.ndarray
-    """(n, m, 5)"""
+    """Constants of the movers, (n, m, 5)."""
     state: np.ndarray
-    """(n, m, STATE_SIZE); the yaw is not kept."""
+    """State of the movers, (n, m, STATE_SIZE); the yaw is not kept."""
     headings: np.ndarray
-    """cos and sin of the movers' own yaw instead, (n, m, 2)."""
+    """cos and sin of the movers' own yaw, (n, m, 2)."""
     seeds: np.ndarray
-    """(n, m) uint64"""
+    """Seeds of the movers' random streams, (n, m) uint64."""
     counters: np.ndarray
-    """(n, m) uint64"""
+    """Numbers drawn of each stream, (n, m) uint64."""
     pauses: np.ndarray
-    """(n, m, 4): mean times of going and of standing [s], 0 for one that never stops; the rest is state."""
+    """Pauses, (n, m, 4): mean times of going and of standing [s], 0 for a mover that never stops; then state."""
     waypoints: np.ndarray
-    """(n, w, 2) [m]"""
+    """Waypoints, (n, w, 2) [m]."""
 
 
 class PartRows(NamedTuple):
     """The movers' parts in n worlds, at most p in each."""
 
     counts: np.ndarray
-    """(n,)"""
+    """Number of movers in each world, (n,)."""
     local: np.ndarray
-    """x, y, cos, sin in their mover's frame and swing, (n, p, 5) [m]."""
+    """Places x, y, cos, sin in the mover's frame, and swing, (n, p, 5) [m]."""
     mover: np.ndarray
-    """Whose part it is, (n, p)."""
+    """Index of each part's mover, (n, p)."""
     poses: np.ndarray
-    """x, y, cos, sin in the world after each tick, (n, output ticks, p, 4) [m]."""
+    """Poses x, y, cos, sin in the world after each tick, (n, output ticks, p, 4) [m]."""
 
 
 class MoverRequest(NamedTuple):
-    """What n worlds ask for."""
+    """Movers that n worlds ask for."""
 
     wanted: np.ndarray
-    """Movers, (n,)."""
+    """Number of movers, (n,)."""
     tasks: np.ndarray
-    """The robot's start x, y and goal x, y, and what else there may be, (n, 4 or more) [m]."""
+    """The robot's start x, y and goal x, y; further columns are ignored, (n, 4 or more) [m]."""
     keep_off: np.ndarray
-    """From the robot's start to the mover's circle, (n,) [m]."""
+    """Least distance from the robot's start to a mover's circle, (n,) [m]."""
     speeds: np.ndarray
-    """Slowest and fastest, (n, 2) [m/s]."""
+    """Least and greatest speed, (n, 2) [m/s]."""
     seeds: np.ndarray
-    """(n,) uint64: everything about the movers follows from it."""
+    """Seeds, (n,) uint64: everything about the movers follows from them."""
 
 
 class Population(NamedTuple):
-    """What movers are drawn from."""
+    """Distribution that movers are drawn from."""
 
     radius: np.ndarray
-    """Of the circle about each kind of mover, (b,) [m]."""
+    """Radius of the circle about each kind of mover, (b,) [m]."""
     patrols: float
-    """Share of movers that go straight to and fro."""
+    """Share of movers that patrol a straight line."""
     pausing: float
     """Share of movers that stop and go."""
     go_time: float
-    """Mean [s]."""
+    """Mean time of going [s]."""
     stop_time: float
-    """Mean [s]."""
+    """Mean time of standing [s]."""
     places: np.ndarray
-    """Where movers may start in all layouts, (q, 2) [m]."""
+    """Places where movers may start in all layouts, (q, 2) [m]."""
     places_of: np.ndarray
-    """Where a layout's places begin, and the last one's end, (layouts + 1,)."""
+    """Index at which each layout's places begin, and the end of the last one's, (layouts + 1,)."""
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def walk_batch(rows, dt, ticks, turn, layout, ways, movers, parts):
-    """Walkers and patrols of many worlds over some ticks, as ``MoverField`` moves them, to rounding.
+    """Move random walks and patrols of many worlds over some ticks, equal to ``MoverField`` to rounding.
 
     Args:
-        rows: Which worlds, (k,).
-        dt: Of a tick [s].
-        ticks: How many; each moves everything on, then decides. 0 decides once and writes out, as a start.
+        rows: Indices of the worlds, (k,).
+        dt: Time of a tick [s].
+        ticks: Number of ticks; each moves all movers on, then decides. 0 decides once and writes out, as a start.
         turn: cos and sin of the most that a mover's own shape turns in a tick.
-        layout: Of each world, (n,).
+        layout: Layout of each world, (n,).
         ways: A ``WideWays``.
         movers: A ``MoverRows``; changed.
         parts: A ``PartRows``; its poses are written, the last ones if ``ticks`` is 0.
@@ -291,7 +291,7 @@ def walk_batch(rows, dt, ticks, turn, layout, ways, movers, parts):
                 moving[m, SINCE_TURN] += dt
                 turns = moving[m, RUN] < speed * dt
                 if not turns and moving[m, SINCE_TURN] >= PATIENCE:
-                    # Whether another is within arm's reach and in the way; itself is not, at no distance.
+                    # Whether another is within arm's reach and in the way; the mover itself, at no distance, is not.
                     v_x, v_y, own_x, own_y, own = moving[m, V_X], moving[m, V_Y], x[m], y[m], constant[m, RADIUS]
                     near = 0
                     for j in range(count):
@@ -308,7 +308,7 @@ def walk_batch(rows, dt, ticks, turn, layout, ways, movers, parts):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _advance(dt, turn, state, headings, x, y):
-    """Straight on for a tick; the movers' shapes turn towards where they walk."""
+    """Move straight on for a tick; the movers' shapes turn towards their direction of motion."""
     for m in range(len(state)):
         v_x, v_y = state[m, V_X], state[m, V_Y]
         if v_x == 0.0 and v_y == 0.0:
@@ -342,7 +342,7 @@ def _place_parts(count, parts, part_mover, state, headings, poses):
 
 @njit(cache=True, nogil=True)
 def _stop_or_go(m, state, seeds, counters, pauses):
-    """The other way round, for a time drawn anew."""
+    """Change between going and standing, for a time drawn anew."""
     pauses[m, STOPPED] = 1.0 - pauses[m, STOPPED]
     mean = pauses[m, STOP_TIME] if pauses[m, STOPPED] != 0.0 else pauses[m, GO_TIME]
     pauses[m, UNTIL_CHANGE] = -mean * math.log(1.0 - next_uniform(seeds, counters, m))
@@ -354,13 +354,13 @@ def place_batch(rows, request, population, layout, ways, movers):
     """Draw and place the movers of many worlds: random walks, patrols straight through, and some that stop and go.
 
     Every mover starts in a wide way, ``keep_off`` and its own radius away from the robot, and apart from the
-    others; where there is no room for more, a world has fewer.
+    others; where there is no space for more, a world has fewer.
 
     Args:
-        rows: Which worlds, (k,).
+        rows: Indices of the worlds, (k,).
         request: A ``MoverRequest``.
         population: A ``Population``.
-        layout: Of each world, (n,).
+        layout: Layout of each world, (n,).
         ways: A ``WideWays``.
         movers: A ``MoverRows``; written.
     """

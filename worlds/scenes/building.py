@@ -35,7 +35,7 @@ WALKING_SPEED = (0.5, 1.2)
 DOOR = (1.0, 1.4)
 """Range of the clear width of a room's door [m]."""
 WALK_CLEARANCE = 0.42
-"""Least distance of furniture from the lines that pedestrians walk on [m]: a person's 0.33 m and a margin."""
+"""Least distance of furniture from the lines that pedestrians walk on [m]: a pedestrian's 0.33 m and a margin."""
 PERSON_GAP, WALL_GAP = 0.2, 0.1
 """Least gaps between two pedestrians at the start, and between one and an obstacle [m]."""
 PLACES_TRIED = 200
@@ -77,7 +77,7 @@ class FloorPlan:
 
 
 def building(seed: int, movers: int, footprint_radius: float) -> World:
-    """Generate a mission from the lobby to a far room, through pedestrians who avoid walls, each other and the robot.
+    """Generate a mission from the lobby to a far room, through pedestrians that avoid walls, each other and the robot.
 
     Args:
         seed: Seed of the world.

@@ -104,7 +104,7 @@ def random_movers(
         count: Number of movers.
         kinds: Kinds of the movers, taken in turn.
         speeds: Slowest and fastest [m/s].
-        within: Only start in this part of the bounds.
+        within: Part of the bounds in which movers start.
         taken: Movers already placed, to start apart from.
 
     Raises:
