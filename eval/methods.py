@@ -26,7 +26,7 @@ from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import BodySpec, LidarSpec
 
 GAMMA = 300.0
-"""Extra way that is worth it if it surely spares meeting a mover, by default [m]."""
+"""Default extra way that is worth it if it surely spares meeting a mover [m]."""
 CRITIC_RATE = 1.0
 """Rate at which the target is chosen anew where V^h has a say [Hz]: in the paper's 5 s, whatever comes along a corridor
 has arrived."""

@@ -21,7 +21,7 @@ class Pose2(NamedTuple):
     y: float
     """[m]"""
     yaw: float
-    """Counter-clockwise [rad]."""
+    """Angle, counter-clockwise [rad]."""
 
 
 STANDING = Pose2(0.0, 0.0, 0.0)
@@ -32,22 +32,22 @@ class Twist2(NamedTuple):
     """A planar velocity in base_link."""
 
     v_x: float
-    """Forward [m/s]."""
+    """Forward velocity [m/s]."""
     v_y: float
-    """To the left [m/s]."""
+    """Lateral velocity, positive to the left [m/s]."""
     w_z: float
-    """Counter-clockwise [rad/s]."""
+    """Yaw rate, positive counter-clockwise [rad/s]."""
 
 
 class VelocityCommand(NamedTuple):
     """Velocity that the stack asks of a body, in base_link. A differential base ignores ``v_y``."""
 
     v_x: float
-    """Forward [m/s]."""
+    """Forward velocity [m/s]."""
     v_y: float
-    """To the left [m/s]."""
+    """Lateral velocity, positive to the left [m/s]."""
     w_z: float
-    """Counter-clockwise [rad/s]."""
+    """Yaw rate, positive counter-clockwise [rad/s]."""
 
 
 STOP = VelocityCommand(0.0, 0.0, 0.0)
@@ -106,9 +106,9 @@ class BodySpec:
     max_v_x: float
     """[m/s]"""
     min_v_x: float
-    """Backwards, negative or 0 [m/s]."""
+    """Greatest backward velocity, negative or 0 [m/s]."""
     max_v_y: float
-    """Sideways, 0 for a differential base [m/s]."""
+    """Greatest lateral velocity, 0 for a differential base [m/s]."""
     max_w_z: float
     """[rad/s]"""
     max_a_x: float

@@ -8,7 +8,7 @@ import numpy as np
 from vuca_nav.types import FloatArray
 
 DARK = 0.5
-"""V^h that is drawn as dark as any below it."""
+"""V^h at and below which a place is drawn darkest."""
 
 
 class SafetyMap(NamedTuple):

@@ -47,7 +47,7 @@ class ScanMatcherConfig:
     angular_step: float = math.radians(0.5)
     """Step of the search in yaw [rad]."""
     search_stride: int = 3
-    """The search looks at every so many returns."""
+    """Stride of the search over the returns."""
     recovery_factor: float = 4.0
     """Both windows grow by this when the score says that the match was lost."""
     recovery_score: float = 0.5
@@ -79,7 +79,7 @@ class SearchWindow(NamedTuple):
     """The candidates of the correlative search, in steps about the prediction."""
 
     stride: int
-    """The search looks at every so many returns."""
+    """Stride of the search over the returns."""
     n_linear: int
     """Steps each way along x and along y."""
     linear_step: float

@@ -57,8 +57,8 @@ class SlamEstimate:
     map_from_base: Pose2
     map_from_odom: Pose2
     map_correction: Pose2
-    """Transform of the map about the robot since the last scan, from the old place of a point to the new one. What is
-    remembered in the map has to follow. ``STANDING`` but after ``Slam.correct``."""
+    """Transform of the map about the robot since the last scan, from the old place of a point to the new one.
+    Everything remembered in the map has to follow. ``STANDING`` but after ``Slam.correct``."""
     score: float
     """Score of the match, 0 to 1; 1 where none was made."""
     points_in_map: FloatArray

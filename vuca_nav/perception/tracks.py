@@ -67,7 +67,7 @@ class _Sight(NamedTuple):
     """Input of a tracker, n rows."""
 
     ranges: FloatArray
-    """(n, num_beams) [m]"""
+    """(n, num_beams) ranges of the scans [m]."""
     motions: FloatArray
     """(n, 3) displacements since the last call [m, m, rad]."""
     reaches: FloatArray

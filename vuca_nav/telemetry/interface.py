@@ -37,7 +37,7 @@ class MeshPart:
 
     name: str
     vertices: NDArray[np.float32]
-    """(n, 3) in the frame of the body it hangs on [m]."""
+    """(n, 3) vertices in the frame of the part's body [m]."""
     faces: NDArray[np.uint32]
     """(m, 3) indices of vertices."""
     colour: tuple[int, int, int]

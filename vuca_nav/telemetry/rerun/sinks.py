@@ -16,7 +16,7 @@ APPLICATION = "vuca_nav"
 """Application id; its recordings share the layout that the user made in the viewer."""
 
 _GRPC_PORT, _WEB_PORT = 9876, 9090
-"""Rerun's own defaults; another free one is taken where they are in use."""
+"""Rerun's own defaults; another free port is taken where they are in use."""
 
 
 def stream_to_file(path: str | os.PathLike[str]) -> rr.RecordingStream:
