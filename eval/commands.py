@@ -23,6 +23,7 @@ from eval.arguments import (
 )
 from vuca_nav.cli import parse
 from vuca_nav.errors import BadArgument
+from vuca_nav.files import prepare_file
 
 if TYPE_CHECKING:
     from eval.episode import EpisodeConfig
@@ -134,11 +135,11 @@ def report(argv: list[str]) -> int:
 def heatmap(argv: list[str]) -> int:
     """Draw what the critic makes of every place around the robot as a goal."""
     arguments = parse(HeatmapArguments, "heatmap", argv)
-    from eval.analysis.heatmap import check_writable, draw, view_at
+    from eval.analysis.heatmap import draw, view_at
     from eval.methods import BEST_WITH_CRITIC
     from eval.progress import ProgressLine
 
-    check_writable(arguments.out)
+    prepare_file(arguments.out)
     config = _episode(arguments, BEST_WITH_CRITIC)
     with ProgressLine(sys.stderr) as progress:
         view = view_at(config, arguments.at, arguments.half_side, arguments.resolution, progress)

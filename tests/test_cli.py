@@ -156,7 +156,7 @@ MISTAKES = [
     (["run", "--method", "ours", "--critic", "s.safetensors"], "no weights of a critic at s.safetensors"),
     (["heatmap", "--out", "h.png", "--critic", "s.safetensors"], "no weights of a critic at s.safetensors"),
     (["heatmap", "--out", "h.png", "--method", "ours-dh", "--gamma", "1"], "--gamma goes with: ours"),
-    (["heatmap", "--out", "no/h.png"], "cannot write no/h.png"),
+    (["heatmap", "--out", "."], "--out . is a directory, expected a file"),
     (["eval", "smoke", "--out", "out", "--critic", "s.safetensors"], "'ours-dh' has no V^h; --critic goes with: ours"),
     (["eval", "smoke", "--out", "out", "--gate", "uniform", "--method", "go-straight"], "--gate goes with: ours"),
     (["run", "--world", "missing.yaml"], "missing.yaml: No such file"),

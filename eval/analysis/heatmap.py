@@ -135,22 +135,6 @@ def colours_of(values: FloatArray) -> NDArray[np.uint8]:
     return np.stack([np.interp(at, np.arange(len(VIRIDIS)), VIRIDIS[:, k]) for k in range(3)], axis=-1).astype(np.uint8)
 
 
-def check_writable(path: Path) -> None:
-    """Check that a file can be written, before the work for it is done; the file is left as it was.
-
-    Raises:
-        BadArgument: It cannot.
-    """
-    existed = path.exists()
-    try:
-        with open(path, "ab"):
-            pass
-        if not existed:
-            path.unlink()
-    except OSError as error:
-        raise BadArgument(f"cannot write {path}: {error.strerror}") from error
-
-
 def draw(view: View, path: Path) -> None:
     """Draw a view into a PNG file.
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eval.analysis.heatmap import check_writable, colours_of, view_at
+from eval.analysis.heatmap import colours_of, view_at
 from eval.arguments import HeatmapArguments, RunArguments
 from eval.commands import eval_, heatmap
 from eval.episode import CONFIG_FIELDS, Episode, EpisodeConfig
@@ -34,6 +34,7 @@ from tests.vuca_nav.rooms import LIDAR, disc_body
 from vuca_nav.errors import BadArgument, BadWeights, UnknownName
 from vuca_nav.exploration.critic import SHIPPED, LearnedCritic, load_critic
 from vuca_nav.exploration.heuristic import NoCritic
+from vuca_nav.files import prepare_file
 from vuca_nav.perception.perception import PerceptionConfig
 from vuca_nav.policy.dynamic_window import DynamicWindow
 from vuca_nav.policy.learned import LearnedPolicy
@@ -275,23 +276,24 @@ def test_a_heatmap_is_told_of_its_scene_what_a_run_is(tmp_path, monkeypatch):
     assert asked == [replace(there, options=MethodOptions(gamma=7.0))]
 
 
-@pytest.mark.parametrize("place", ["no/h.png", "."])
+@pytest.mark.parametrize("place", ["file/h.png", "."])
 def test_a_picture_that_cannot_be_written_is_noticed_before_the_run(place, tmp_path, monkeypatch):
     def view(*_):
         raise AssertionError("it was run")
 
     monkeypatch.setattr("eval.analysis.heatmap.view_at", view)
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(BadArgument, match=f"cannot write {place}: "):
+    (tmp_path / "file").write_text("old")
+    with pytest.raises(BadArgument, match=f"^--out {place} "):
         heatmap(["--out", place])
-    assert list(tmp_path.iterdir()) == []
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 def test_looking_whether_a_file_can_be_written_changes_nothing(tmp_path):
-    check_writable(tmp_path / "new.png")
+    prepare_file(tmp_path / "new.png")
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "old.png").write_text("old")
-    check_writable(tmp_path / "old.png")
+    prepare_file(tmp_path / "old.png")
     assert (tmp_path / "old.png").read_text() == "old"
 
 
