@@ -142,7 +142,7 @@ def knock_outs(experts: int, mean: Sequence[float]) -> dict[str, NDArray[np.floa
     """
     named = {"gate's average": np.array(mean, np.float32), "uniform": np.full(experts, 1.0 / experts, np.float32)}
     for k in range(experts):
-        named[f"without {k}"] = np.where(np.arange(experts) == k, -np.inf, 0.0).astype(np.float32)
+        named[f"without {k + 1}"] = np.where(np.arange(experts) == k, -np.inf, 0.0).astype(np.float32)
     return named
 
 

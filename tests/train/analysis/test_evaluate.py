@@ -53,12 +53,12 @@ def test_a_gate_that_is_overruled(tmp_path):
     assert 0.0 < free.entropy < np.log(3.0)
     assert free.information > 0.001
     variants = knock_outs(3, free.mean)
-    assert set(variants) == {"gate's average", "uniform", "without 0", "without 1", "without 2"}
+    assert set(variants) == {"gate's average", "uniform", "without 1", "without 2", "without 3"}
     assert gate_with(variants["uniform"]).mean == pytest.approx([1 / 3] * 3, abs=1e-5)
     constant = gate_with(variants["gate's average"])
     assert constant.mean == pytest.approx(free.mean, abs=1e-5)
     assert constant.information == pytest.approx(0.0, abs=1e-4)
-    without = gate_with(variants["without 1"])
+    without = gate_with(variants["without 2"])
     assert without.mean[1] == 0.0
     assert sum(without.mean) == pytest.approx(1.0, abs=1e-5)
 
@@ -70,7 +70,7 @@ def test_the_table_of_two_policies(tmp_path, capsys):
     main(arguments)
     results = json.loads((tmp_path / "out" / "evaluation.json").read_text())
     assert set(results["one"]) == {"as it is"}
-    assert set(results["three"]) == {"as it is", "gate's average", "uniform", "without 0", "without 1", "without 2"}
+    assert set(results["three"]) == {"as it is", "gate's average", "uniform", "without 1", "without 2", "without 3"}
     row = results["three"]["as it is"]["static"]
     assert row["success"] + row["collision"] + row["timeout"] == pytest.approx(1.0)
     assert "| three, without 1 |" in capsys.readouterr().out

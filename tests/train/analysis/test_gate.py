@@ -205,11 +205,13 @@ def test_the_command(tmp_path, capsys):
     assert result["success"] == {
         kind: row["success"] for kind, row in evaluated(two, 8)["two"]["as it is"].items()
     }  # fmt: skip
-    assert len(result["knock_outs"]) == 2 * len(SITUATIONS)
+    assert [row["expert"] for row in result["knock_outs"]] == [1, 2] * len(SITUATIONS)
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "summary.json", "two_shares.png", "two_moments.png"
     }  # fmt: skip
-    assert "Without an expert in one situation" in capsys.readouterr().out
+    table = capsys.readouterr().out
+    assert "Without an expert in one situation" in table
+    assert "| situation | episodes | success % | expert 1 | expert 2 |" in table
 
 
 def test_what_cannot_be_watched(tmp_path, monkeypatch, capsys):

@@ -44,7 +44,7 @@ def draw_shares(summary: dict, title: str, picture: Path) -> None:
     titles = ["\n".join((*name.split(), "")[:2]) for name in rows]
     labels = [f"{title}\n{row['decisions']:,}\n{row['episodes']:,}" for title, row in zip(titles, rows.values())]
     shares = np.array([[expert["share"][0] for expert in row["experts"]] for row in rows.values()])
-    _stack(left, np.arange(len(rows)), shares, _EXPERTS, [f"expert {n}" for n in range(experts)], 0.75)
+    _stack(left, np.arange(len(rows)), shares, _EXPERTS, [f"expert {n + 1}" for n in range(experts)], 0.75)
     left.set(ylabel="mean share of the experts", title="who leads where")
     motions = np.array(
         [[[e["motion_alone"][motion][0] for motion in MOTIONS] for e in row["experts"]] for row in rows.values()]
@@ -52,7 +52,7 @@ def draw_shares(summary: dict, title: str, picture: Path) -> None:
     at = np.arange(len(rows))[:, None] + 0.2 * (np.arange(experts) - 0.5 * (experts - 1))
     _stack(right, at.ravel(), motions.reshape(-1, len(MOTIONS)), _MOTIONS, list(MOTIONS), 0.18)
     for x, n in zip(at.ravel(), np.tile(np.arange(experts), len(rows))):
-        right.text(x, 1.005, str(n), ha="center", va="bottom", fontsize=8, color=_EXPERTS[n % len(_EXPERTS)])
+        right.text(x, 1.005, str(n + 1), ha="center", va="bottom", fontsize=8, color=_EXPERTS[n % len(_EXPERTS)])
     right.set(ylabel="share of the decisions", title="what each expert alone would do there (its number on top)")
     right.title.set_position((0.5, 1.05))
     for axes in (left, right):
@@ -142,7 +142,7 @@ def draw_moments(
         axes.set_ylabel(label)
     for axes in panels[3]:
         axes.set_xlabel("time since the situation began [s]")
-    experts = [Patch(color=_EXPERTS[n], label=f"expert {n}") for n in range(decisions.shares.shape[1])]
+    experts = [Patch(color=_EXPERTS[n], label=f"expert {n + 1}") for n in range(decisions.shares.shape[1])]
     marks = [
         Line2D([], [], color="k", label="v_x"), Line2D([], [], color="k", ls="--", label="w_z"),
         Patch(color="0.9", label="in the situation"), Line2D([], [], color="b", marker="*", ls="", label="goal's side"),

@@ -15,8 +15,7 @@ def tables(result: dict) -> str:
         result: Of ``gate_summary.summarise``, with ``knock_outs`` or without.
     """
     rows = {name: row for name, row in result["situations"].items() if row["decisions"]}
-    experts = range(len(result["situations"]["all"]["experts"]))
-    names = [f"expert {n}" for n in experts]
+    names = [f"expert {n + 1}" for n in range(len(result["situations"]["all"]["experts"]))]
     parts = [
         *(f"- {name}: {what}" for name, what in DEFINITIONS.items()),
         f"- where several fit, the first of {', '.join(SITUATIONS[k] for k in PRECEDENCE[:-2])}", "",

@@ -129,7 +129,7 @@ def knock_outs(
             mets = there[situation]
             before = np.concatenate([w.success[met] for w, met in zip(watched, mets)])
             for expert, share in enumerate(shares[situation]):
-                row = {"situation": title, "expert": expert, "share": share, "episodes": len(before)}
+                row = {"situation": title, "expert": expert + 1, "share": share, "episodes": len(before)}
                 after = None
                 if share >= LEAST_SHARE:
                     after = np.concatenate(
