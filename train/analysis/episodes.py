@@ -1,4 +1,4 @@
-"""Episodes that are the same for every policy: comparisons of policies are paired, row by row."""
+"""Episodes that are the same for every policy, so that policies are compared row by row, in pairs."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
@@ -17,22 +17,22 @@ from worlds.registry import TRAINING_SEED
 EVALUATION_SEED = 0
 """First seed of the layouts, which no training has seen."""
 Policy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
-"""From observations (n, size) to actions (n, 3)."""
+"""Function from observations (n, size) to actions (n, 3)."""
 
 
 @dataclass(frozen=True, slots=True)
 class EpisodeRecords:
-    """What came of each episode; all arrays (episodes,)."""
+    """Results of the episodes; all arrays are (episodes,)."""
 
     success: NDArray[np.bool_]
     collision: NDArray[np.bool_]
     timeout: NDArray[np.bool_]
     time: FloatArray
-    """At which the episode ended [s]."""
+    """Time at which the episode ended [s]."""
     path_length: FloatArray
-    """Of the true path [m]."""
+    """Length of the true path [m]."""
     shortest: FloatArray
-    """Length of the shortest way if nothing moved [m]."""
+    """Length of the shortest path if nothing moved [m]."""
     arsps: FloatArray
     """Average risk score per step (``vuca_nav.task.risk_score``); less is better."""
     ansps: FloatArray
@@ -40,29 +40,29 @@ class EpisodeRecords:
     min_clearance: FloatArray
     """Least true range beyond the footprint at a decision [m]."""
     kind: NDArray[np.int64]
-    """Of world, index into KINDS."""
+    """Kind of world, index into KINDS."""
     body: NDArray[np.int64]
-    """0 TIAGo, 1 Go2, from 2 on drawn ones."""
+    """Body: 0 TIAGo, 1 Go2, from 2 on drawn ones."""
 
     def of(self, kind: str) -> "EpisodeRecords":
-        """The episodes in one kind of world."""
+        """Select the episodes in one kind of world."""
         chosen = self.kind == KINDS.index(kind)
         return EpisodeRecords(**{field.name: getattr(self, field.name)[chosen] for field in fields(self)})
 
 
 class Evaluation:
-    """Episode i depends on the configuration, the seed and i: every policy meets the same worlds, bodies and movers.
+    """Episodes that depend on configuration, seed and index only: each policy meets the same worlds, bodies and movers.
 
     Args:
-        config: Which episodes. Unless it names layouts of its own, those for evaluation are taken.
+        config: Settings of the episodes. Unless it names layouts of its own, those for evaluation are taken.
         observer_config: What the policy sees; episodes do not depend on it.
-        episodes: How many.
-        seed: Of the episodes.
-        threads: That step them.
+        episodes: Number of episodes.
+        seed: Seed of the episodes.
+        threads: Number of threads that step them.
 
     Attributes:
         observation: (episodes, size) float32, borrowed.
-        arena: With a row for each episode; one that has ended stays as it was.
+        arena: The arena, with a row for each episode; one that has ended stays as it was.
     """
 
     def __init__(
@@ -75,10 +75,10 @@ class Evaluation:
         self.again()
 
     def again(self, only: NDArray[np.bool_] | None = None) -> None:
-        """The same episodes from their start.
+        """Start the same episodes again.
 
         Args:
-            only: (episodes,) which of them; the others are not played, and their records mean nothing.
+            only: (episodes,) which of them are played; the others are not played, and their records mean nothing.
         """
         self.observation, episodes = self.arena.reset(self._seed), self.arena.n
         if only is not None:
@@ -93,11 +93,11 @@ class Evaluation:
 
     @property
     def active(self) -> NDArray[np.bool_]:
-        """Which episodes still go on, (episodes,)."""
+        """Whether each episode still goes on, (episodes,)."""
         return self.arena.active
 
     def step(self, action: NDArray[np.float32]) -> ArenaStep:
-        """One decision of those that still go on."""
+        """Make one decision in the episodes that still go on."""
         before, out = self.active, self.arena.outputs
         risk = risk_score(out.nearest)
         step = self.arena.step(action)
@@ -110,13 +110,13 @@ class Evaluation:
         return step
 
     def run(self, policy: Policy) -> EpisodeRecords:
-        """All episodes to their ends."""
+        """Run all episodes to their ends."""
         while self.active.any():
             self.step(policy(self.observation))
         return self.records()
 
     def records(self) -> EpisodeRecords:
-        """What has come of the episodes; of one that still goes on, what has been so far."""
+        """Results of the episodes; of an episode that still goes on, the results so far."""
         out, steps = self.arena.outputs, np.maximum(self._time * TICK_RATE, 1.0)
         gained = (self._start_distance - self.arena.gather("distance")) / self._start_distance
         return EpisodeRecords(

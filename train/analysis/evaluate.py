@@ -1,4 +1,4 @@
-"""What weights files are worth in the arena's unseen worlds: every policy meets the same episodes.
+"""Evaluation of weights files in unseen worlds of the arena: every policy meets the same episodes.
 
 ``python -m train.analysis.evaluate FILE... --out DIR`` writes ``evaluation.json`` and ``evaluation.md``.
 """
@@ -28,7 +28,7 @@ from vuca_nav.policy.dynamic_window import DynamicWindow
 from vuca_nav.policy.observation import ObservationConfig
 from vuca_nav.policy.weights_file import PolicyWeights, load_weights
 
-if TYPE_CHECKING:  # so that bad arguments are told at once, and a torch that is missing in one line
+if TYPE_CHECKING:  # so that bad arguments are reported at once, and a missing torch in one line
     import torch
 
     from train.navigation.networks import FusedActor
@@ -39,30 +39,30 @@ class EvaluateArguments:
     """Compare policies in the training arena's unseen worlds."""
 
     files: tyro.conf.Positional[tuple[Path, ...]]
-    """Weights; the others are compared with the first. Rows have the files' names, of those with the same name as much
-    of their paths as tells them apart."""
+    """Weights files; the first is what the others are compared with. Rows are named after the files, and files of the
+    same name by as much of their paths as tells them apart."""
     out: Path = Path("evaluation")
     """Directory of the results."""
     episodes: int = 500
-    """In each kind of world."""
+    """Number of episodes in each kind of world."""
     seed: int = 0
     kinds: tuple[Literal["static", "dynamic", "mixed", "square", "corridor"], ...] = KINDS  # type: ignore[assignment]
-    """Of worlds."""
+    """Kinds of worlds."""
     knock_outs: bool = False
-    """Also with the gate overruled: uniform, its own average in each kind of world, and without each expert."""
+    """Play also with the gate overruled: uniform, its own average in each kind of world, and without each expert."""
     shield: bool = False
-    """Also under the robot's shield."""
+    """Play also under the robot's shield."""
     dynamic_window: bool = False
-    """Also the dynamic window, at the stack's rate."""
+    """Play also the dynamic window, at the stack's rate."""
     decision_rate: int | None = None
-    """[Hz]; by default what each policy was trained at."""
+    """Decisions a second [Hz]; by default the rate that each policy was trained at."""
     speeds: tuple[float, float] | None = None
-    """Of the movers, over the body's greatest; by default 0.2 to 2."""
+    """Speeds of the movers, as multiples of the body's greatest; by default 0.2 to 2."""
     threads: int = 1
 
 
 STACK_RATE = 30
-"""Of decisions on a robot [Hz]."""
+"""Rate of decisions on a robot [Hz]."""
 
 
 class Played(NamedTuple):
@@ -80,15 +80,15 @@ def play(
     *,
     shielded: bool = False,
 ) -> Played:
-    """All episodes, with the policy's mean actions.
+    """Play all episodes with the policy's mean actions.
 
     Args:
         actor: The policy.
         evaluation: Fresh episodes.
         overrule: (experts,) shares to be used whatever the gate says, or a mask (experts,) of zeros and negative
             infinities to be added to the logarithms of the gate's shares: see ``knock_outs``.
-        title: For the progress bar.
-        shielded: Under the robot's shield.
+        title: Title of the progress bar.
+        shielded: Play under the robot's shield.
     """
     import torch
 
@@ -115,7 +115,7 @@ def play(
 
 
 def play_dynamic_window(evaluation: Evaluation, title: str) -> EpisodeRecords:
-    """All episodes, driven by the dynamic window."""
+    """Play all episodes, driven by the dynamic window."""
     windows = ArenaPolicies(evaluation.arena, DynamicWindow)
     with tqdm(total=evaluation.arena.n, unit="episode", desc=title, leave=False) as bar:
         while (active := evaluation.active).any():
@@ -134,11 +134,11 @@ def _overruled(shares: torch.Tensor, overrule: torch.Tensor) -> torch.Tensor:
 
 
 def knock_outs(experts: int, mean: Sequence[float]) -> dict[str, NDArray[np.float32]]:
-    """What a gate can be overruled by: its own average, equal shares, and each expert left out.
+    """Make the shares that overrule a gate: its own average, equal shares, and each expert left out.
 
     Args:
-        experts: How many there are.
-        mean: (experts,) what the gate does on average.
+        experts: Number of experts.
+        mean: (experts,) average shares of the gate.
     """
     named = {"gate's average": np.array(mean, np.float32), "uniform": np.full(experts, 1.0 / experts, np.float32)}
     for k in range(experts):
@@ -147,7 +147,7 @@ def knock_outs(experts: int, mean: Sequence[float]) -> dict[str, NDArray[np.floa
 
 
 def evaluate(arguments: EvaluateArguments) -> dict:
-    """Play everything.
+    """Play all policies and variants in all kinds of worlds.
 
     Returns:
         ``{policy: {variant: {kind: row}}}``, of which ``AS_IT_IS`` is one; its rows have paired differences with the
@@ -201,7 +201,7 @@ def evaluate(arguments: EvaluateArguments) -> dict:
 
 
 def _policies(arguments: EvaluateArguments) -> dict[str, PolicyWeights]:
-    """By the names of their rows, after all arguments are checked; raises what ``evaluate`` does."""
+    """Policies by the names of their rows, once all arguments are checked; raises what ``evaluate`` does."""
     for name, least in (("episodes", 1), ("threads", 1), ("seed", 0)):
         if getattr(arguments, name) < least:
             raise BadArgument(f"--{name} must be {least} or more, got {getattr(arguments, name)}")
@@ -218,7 +218,7 @@ def _policies(arguments: EvaluateArguments) -> dict[str, PolicyWeights]:
 
 
 def _rate(source: PolicyWeights, arguments: EvaluateArguments) -> int:
-    """At which a policy decides [Hz]."""
+    """Rate at which a policy decides [Hz]."""
     if arguments.decision_rate is not None:
         return arguments.decision_rate
     try:

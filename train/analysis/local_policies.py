@@ -1,4 +1,4 @@
-"""Local policies of the stack in the arena: the shield, and what does not learn, meet the same episodes as networks."""
+"""Local policies of the stack in the arena: shield and dynamic window on the same episodes as networks."""
 
 from collections.abc import Callable
 
@@ -16,11 +16,11 @@ from vuca_nav.types import STANDING, STOP, BodySpec, LidarSpec, Odometry, Pose2,
 
 
 class ArenaPolicies:
-    """One for every row of an arena on one thread, with what its robot senses. Made before the first decision.
+    """A policy of the stack for every row of an arena on one thread. To be made before the first decision.
 
     Args:
-        arena: Whose rows run one episode each.
-        make: Makes one for a body and its lidar.
+        arena: An arena whose rows run one episode each.
+        make: Function that makes a policy for a body and its lidar.
     """
 
     def __init__(self, arena: Arena, make: Callable[[BodySpec, LidarSpec], LocalPolicy]):
@@ -35,17 +35,17 @@ class ArenaPolicies:
         self._decisions = 0
 
     def decide(self, rows: NDArray[np.int64], action: NDArray[np.float32]) -> None:
-        """The next actions.
+        """Write the next actions.
 
         Args:
-            rows: That still go on.
+            rows: Rows that still go on.
             action: (n, 3) of all rows, shares of the bodies' limits; written to.
         """
         for i, command in zip(rows.tolist(), self.commands(rows)):
             action[i] = action_from_command(command, self._limits[i])
 
     def commands(self, rows: NDArray[np.int64]) -> list[VelocityCommand]:
-        """The next commands of these rows, which still go on."""
+        """Commands for the rows, all of which still go on."""
         shard, stamp, commands = self._shard, self._decisions / self._rate, []
         self._decisions += 1
         for i in rows.tolist():
@@ -58,10 +58,10 @@ class ArenaPolicies:
 
 
 class ArenaShield:
-    """Filters every row's actions as the robot's shield does. Made before the first decision.
+    """Filter over every row's actions, as the robot's shield is. To be made before the first decision.
 
     Args:
-        arena: Whose rows run one episode each, on one thread.
+        arena: An arena on one thread whose rows run one episode each.
     """
 
     def __init__(self, arena: Arena):
@@ -78,10 +78,10 @@ class ArenaShield:
         self._limits = [limits_of(arena.bodies.bodies[k].spec) for k in arena.gather("body").tolist()]
 
     def filter(self, rows: NDArray[np.int64], action: NDArray[np.float32]) -> None:
-        """Replace what is not safe.
+        """Replace unsafe actions.
 
         Args:
-            rows: That still go on.
+            rows: Rows that still go on.
             action: (n, 3) of all rows, shares of the bodies' limits; changed.
         """
         given = []
@@ -95,14 +95,14 @@ class ArenaShield:
 
 
 class _Given(LocalPolicy):
-    """Answers what it was given."""
+    """A policy that returns the command it was given."""
 
     def __init__(self) -> None:
         self.command_given = STOP
 
     def reset(self) -> None:
-        """It remembers nothing."""
+        """Do nothing: there is no memory."""
 
     def command(self, percept: Percept, goal: LocalGoal | None) -> VelocityCommand:
-        """What was given."""
+        """The command that was given."""
         return self.command_given

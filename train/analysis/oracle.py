@@ -1,4 +1,4 @@
-"""What could be done at all: the evaluation's episodes for a disc that knows all futures.
+"""Bound on what any policy can do: the evaluation's episodes solved by a disc that knows all futures.
 
 ``python -m train.analysis.oracle --kind dynamic --episodes 1000``
 """
@@ -23,30 +23,30 @@ from worlds.motion.movers import TICK
 from worlds.reachability import Crowd, Grid, earliest_arrival
 
 _CHUNK = 50
-"""Episodes whose movers' ways are held at once."""
+"""Number of episodes whose movers' paths are held at once."""
 
 
 @dataclass(frozen=True, slots=True)
 class Solvable:
-    """Which episodes can be solved, (episodes,)."""
+    """Whether each episode can be solved, (episodes,)."""
 
     solved: NDArray[np.bool_]
     time: FloatArray
     """Earliest arrival, ``inf`` if there is none in time [s]."""
     kind: NDArray[np.int64]
-    """Of world, index into KINDS."""
+    """Kind of world, index into KINDS."""
 
 
 def solvable(config: ArenaConfig, episodes: int, seed: int) -> Solvable:
-    """Reachability in space and time through the very movers of ``Evaluation(config, ..., episodes, seed)``.
+    """Compute reachability in space and time through the very movers of ``Evaluation(config, ..., episodes, seed)``.
 
     The disc is the circle about the footprint, has no inertia and moves at up to the body's greatest speed. As in
     worlds.reachability everything errs on the side of "not solvable".
 
     Args:
-        config: Of the arena.
-        episodes: How many.
-        seed: Of the episodes.
+        config: Settings of the arena.
+        episodes: Number of episodes.
+        seed: Seed of the episodes.
     """
     arena = Evaluation(config, ObservationConfig(), episodes, seed).arena
     (shard,) = arena.shards
@@ -83,16 +83,16 @@ def solvable(config: ArenaConfig, episodes: int, seed: int) -> Solvable:
 
 @dataclass(frozen=True)
 class OracleArguments:
-    """How many of the evaluation's episodes a disc that knows all futures can solve."""
+    """Count the evaluation's episodes that a disc with knowledge of all futures can solve."""
 
     kind: str = ""
-    """Of world; all kinds if empty."""
+    """Kind of world; all kinds if empty."""
     body: str = "tiago"
-    """tiago, go2 or random; a mixture of them if empty."""
+    """Body: tiago, go2 or random; a mixture of them if empty."""
     episodes: int = 200
     seed: int = 0
     speeds: tuple[float, float] = (0.2, 2.0)
-    """Of the movers, over the body's."""
+    """Speeds of the movers, as multiples of the body's."""
     movers: tuple[int, int] = (6, 20)
 
 

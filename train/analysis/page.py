@@ -1,4 +1,4 @@
-"""What an evaluation of policies tells: names of its rows, what is in them, and the page of tables."""
+"""The page of an evaluation of policies: the names of its rows, their contents, and its tables."""
 
 import os
 from collections.abc import Sequence
@@ -14,21 +14,21 @@ AS_IT_IS = "as it is"
 
 
 class GateUse(NamedTuple):
-    """How a gate was used in one kind of world."""
+    """Use of a gate in one kind of world."""
 
     mean: list[float]
-    """Share of each expert."""
+    """Mean share of each expert."""
     entropy: float
-    """Mean over the decisions [nat]."""
+    """Mean entropy over the decisions [nat]."""
     information: float
     """Mutual information of observation and expert [nat]: 0 if the gate is the same whatever is seen."""
 
 
 def row_names(files: Sequence[Path]) -> list[str]:
-    """What rows are called: the files' names, of those with the same name as much of their paths as tells them apart.
+    """Name the rows: by the files' names, and files of the same name by as much of their paths as tells them apart.
 
     Args:
-        files: Weights.
+        files: Weights files.
 
     Raises:
         BadArgument: If a file is given twice.
@@ -48,7 +48,7 @@ def row_names(files: Sequence[Path]) -> list[str]:
 
 
 def summary(records: EpisodeRecords, gate: GateUse | None = None) -> dict:
-    """A row of the table."""
+    """Make a row of the table."""
     n, successes = len(records.success), int(records.success.sum())
     return {
         "episodes": n, "success": successes / n, "success_interval": wilson_interval(successes, n),
@@ -62,13 +62,13 @@ def summary(records: EpisodeRecords, gate: GateUse | None = None) -> dict:
 
 
 def markdown(results: dict, worlds: Sequence[str], episodes: int, seed: int) -> str:
-    """The results as tables.
+    """Write the results as tables in Markdown.
 
     Args:
         results: As ``evaluate`` returns them.
-        worlds: Their kinds, a table each.
-        episodes: In each kind of world.
-        seed: Of the episodes.
+        worlds: Kinds of worlds, a table each.
+        episodes: Number of episodes in each kind of world.
+        seed: Seed of the episodes.
     """
     lines = [f"{episodes} episodes of seed {seed} in each kind of world, the same for all.", ""]
     for kind in worlds:

@@ -1,4 +1,4 @@
-"""How a body's velocity follows its command: gain, lag, delay and noise of each axis, identified in MuJoCo.
+"""Response of a body's velocity to its command: gain, lag, delay and noise of each axis, identified in MuJoCo.
 
 The training arena moves its robots by this model; evaluation runs the body itself. Run as
 ``python -m train.analysis.response --robot go2 --out DIR``; what it writes is kept as robots/bodies/responses/go2.json.
@@ -29,19 +29,19 @@ from vuca_nav.types import FloatArray, Pose2, VelocityCommand
 from worlds.world import World
 
 RATE = 30.0
-"""Of commands and of what is measured [Hz]."""
+"""Rate of commands and measurements [Hz]."""
 AXES = ("v_x", "v_y", "w_z")
 MAX_DELAY, MIN_LAG, MAX_LAG = 0.3, 0.002, 1.0
-"""Of those tried [s]."""
+"""Bounds of the fit [s]."""
 NUM_RUNS = 3
-"""With noise and commands of their own, fitted together."""
+"""Number of runs that are fitted together, each with noise and commands of its own."""
 _HALL = 400.0
 """Side of the empty hall: nothing is ever near [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class AxisResponse:
-    """One axis, and what is left as noise.
+    """Response of one axis, and the noise that remains.
 
     The body lets the command change by at most its own limit ``a``, then follows it late, as a first-order lag:
     ``s += clip(u - s, -a dt, a dt); v += (1 - exp(-dt / lag)) (gain s(t - delay) - v)``.
@@ -61,7 +61,7 @@ class AxisResponse:
 
 
 def excite(body: Body, axis: int, seed: int, seconds: float = 60.0) -> tuple[FloatArray, FloatArray]:
-    """Command steps, then a chirp, on one axis, the others at rest.
+    """Command steps, then a chirp, on one axis, with the others at rest.
 
     Returns:
         Command (n,) and the velocity that came of it over the same tick (n,).
@@ -91,7 +91,7 @@ def excite(body: Body, axis: int, seed: int, seconds: float = 60.0) -> tuple[Flo
 
 @njit(cache=True)
 def respond(commands, gain, lag, delay, acceleration, dt):
-    """The model's velocity (n,) for commands (n,) at intervals of dt [s]; see AxisResponse."""
+    """Velocity of the model (n,) for commands (n,) at intervals of dt [s]; see AxisResponse."""
     slewed, out = np.empty(len(commands)), np.empty(len(commands))
     wanted, velocity, keep = 0.0, 0.0, math.exp(-dt / lag)
     late = int(delay / dt)
@@ -107,11 +107,11 @@ def respond(commands, gain, lag, delay, acceleration, dt):
 
 
 def fit(runs: Sequence[tuple[FloatArray, FloatArray]], acceleration: float) -> AxisResponse:
-    """Least squares over gain, lag and delay, from several beginnings: lag and delay can stand in for each other.
+    """Fit gain, lag and delay by least squares from several beginnings, as lag and delay can stand in for each other.
 
     Args:
-        runs: Commands (n,) and measured velocities (n,) of each.
-        acceleration: The body's own limit.
+        runs: Commands (n,) and measured velocities (n,) of each run.
+        acceleration: The body's own limit of the command's change [m/s^2 or rad/s^2].
     """
     dt = 1.0 / RATE
 
@@ -137,7 +137,7 @@ def fit(runs: Sequence[tuple[FloatArray, FloatArray]], acceleration: float) -> A
 
 
 def identify(body: Body, out: Path, seed: int) -> dict[str, AxisResponse]:
-    """Excite and fit each axis the body has; write the model as JSON and a plot of fit against measurement.
+    """Excite and fit each axis of the body; write the model as JSON and a plot of fit against measurement.
 
     Raises:
         BadArgument: If ``out`` cannot be written.
@@ -188,7 +188,7 @@ class ResponseArguments:
 
 
 def main(arguments: ResponseArguments) -> None:
-    """Print what was found.
+    """Identify the response and print it.
 
     Raises:
         BadArgument: If the seed is negative or the directory cannot be written.

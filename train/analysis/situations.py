@@ -1,4 +1,4 @@
-"""Which situation a robot of the arena is in, by the truth: for analyses, no robot knows it.
+"""The situation of each robot of the arena by the ground truth: for analyses, as no robot has it.
 
 One label a decision. Where several fit, the first of sudden mover, known mover, dead end, tight passage is taken: what
 leaves the least time comes first, and then what leaves the fewest ways.
@@ -24,24 +24,25 @@ SITUATIONS = ("open floor", "tight passage", "sudden mover", "dead end", "known 
 OPEN_FLOOR, TIGHT_PASSAGE, SUDDEN_MOVER, DEAD_END, KNOWN_MOVER, OTHER = range(6)
 """Indices into ``SITUATIONS``."""
 NEAR = 1.5
-"""What is within so much beyond the footprint is near [m]: TIAGo and Go2 stop within a third of it at full speed, and
-with room for a turn on top nothing beyond it asks for anything but going on."""
+"""Clearance up to which an obstacle is near [m]: TIAGo and Go2 stop within a third of it at full speed, and with space
+for a turn on top nothing beyond it asks for anything but going on."""
 ROOM = 2.0 * NEAR_RANGE
-"""Left and right of the body together, in a tight passage at most [m]: in its middle less than the 0.6 m on either
-side at which R_o and ARSPS begin to count."""
+"""Greatest clearance left and right of the body together in a tight passage [m]: in its middle less than the 0.6 m on
+either side at which R_o and ARSPS begin to count."""
 BESIDE = math.radians(30.0)
-"""What is within so much of straight left is to the left [rad]; so to the right. A body that is turned further from
-its passage is turning, not passing."""
+"""Half angle about straight left within which an obstacle is to the left [rad]; likewise to the right. A body that is
+turned further from its passage is turning, not passing."""
 POCKET = 3.0
-"""In a dead end no way ahead is so long [m]. The factory's blind alleys are 1.8 to 2.9 m wide and at least 5 m deep:
-in about their last 3 m the walls block what is not behind, and the way back is longer."""
+"""Length that no way ahead reaches in a dead end [m]. The factory's blind alleys are 1.8 to 2.9 m wide and at least 5 m
+deep: in about their last 3 m the walls block every way but the one behind, and the way back is longer."""
 WAYS = 72
-"""Directions in which a way is looked for, 5 degrees apart: a door of 1 m, 3 m off, is open to TIAGo over 8."""
+"""Number of directions in which a way is looked for, 5 degrees apart: a door of 1 m, 3 m off, is open to TIAGo over 8
+degrees."""
 MEETING = 2.0
-"""A mover that would be met within so long as both go on is a threat [s]: full speed to a stop takes TIAGo 1 s, and
+"""Time within which a mover that would be met as both go on is a threat [s]: full speed to a stop takes TIAGo 1 s, and
 so does getting out of the way from there."""
 NEWS = 1.0
-"""A threat is sudden for so long [s]; one that has come to nothing for so long begins anew if it comes back. The
+"""Time for which a threat is sudden [s]; a threat that has been over for so long begins anew if it comes back. The
 tracks that a policy sees take three to five scans, 0.3 to 0.5 s, to find a velocity: as long again is left to act."""
 PRECEDENCE = (SUDDEN_MOVER, KNOWN_MOVER, DEAD_END, TIGHT_PASSAGE, OPEN_FLOOR, OTHER)
 DEFINITIONS = {
@@ -56,42 +57,43 @@ DEFINITIONS = {
     "known mover": f"as a sudden mover, but for {NEWS:.0f} s or longer",
     "other": f"none of these: something, standing or moving, is within {NEAR} m",
 }
-"""In words; where several fit, it is the first by PRECEDENCE."""
+"""Definitions of the situations in words; where several fit, the first by PRECEDENCE is taken."""
 
 
 class Sight(NamedTuple):
-    """What stands around n robots, along beams of which the first is at -pi, evenly spaced."""
+    """Static obstacles around n robots, along evenly spaced beams of which the first is at -pi."""
 
     standing: np.ndarray
-    """Ranges to what stands, (n, num_beams) [m]."""
+    """Ranges to static obstacles, (n, num_beams) [m]."""
     outline: np.ndarray
-    """Of the footprint along each beam, (n, num_beams) [m]."""
+    """Radius of the footprint along each beam, (n, num_beams) [m]."""
 
 
 class Threats(NamedTuple):
     """Movers that threaten n robots, at most m each."""
 
     age: np.ndarray
-    """State: how long each mover has been a threat, (n, m) [s]."""
+    """State: time for which each mover has been a threat, (n, m) [s]."""
     calm: np.ndarray
-    """State: how long ago it last was one, (n, m) [s]; ``inf`` at first."""
+    """State: time since each mover last was a threat, (n, m) [s]; ``inf`` at first."""
     sudden: np.ndarray
-    """Output: whether one was no threat a while ago, (n,)."""
+    """Output: whether a mover threatens that was no threat a while ago, (n,)."""
     threatened: np.ndarray
-    """Output: whether there is one, (n,)."""
+    """Output: whether any mover threatens, (n,)."""
     gap: np.ndarray
-    """Output: from the footprint to the nearest mover's circle, 0 inside, ``inf`` if there is none, (n,) [m]."""
+    """Output: distance from the footprint to the nearest mover's circle, 0 inside, ``inf`` if there is none, (n,)
+    [m]."""
 
 
 @njit(cache=True, nogil=True)
 def follow_threats(rows, period, robots, radius, movers, sight, threats):
-    """Which robots are threatened by a mover, and which by one that was no threat a while ago.
+    """Find the robots that a mover threatens, and those that one threatens that was no threat a while ago.
 
     Args:
-        rows: Which, (k,).
-        period: Since the last call [s].
+        rows: Indices of the rows, (k,).
+        period: Time since the last call [s].
         robots: A ``train.arena.rows.Robots``.
-        radius: Mean of the footprint, as the policy's tracks take it, (n,) [m].
+        radius: Mean radius of the footprint, as the policy's tracks take it, (n,) [m].
         movers: A ``MoverRows``.
         sight: A ``Sight``.
         threats: ``Threats``; changed.
@@ -128,14 +130,14 @@ def follow_threats(rows, period, robots, radius, movers, sight, threats):
 
 @njit(cache=True, nogil=True)
 def label_situations(rows, beams, sight, half_width, front, threats, label):
-    """The situation of each of these rows.
+    """Label the situation of each of the rows.
 
     Args:
-        rows: Which, (k,).
+        rows: Indices of the rows, (k,).
         beams: cos, sin in base_link, (2, num_beams); the first at -pi, evenly spaced.
         sight: A ``Sight``.
-        half_width: Of the footprint to the side, (n,) [m].
-        front: From base_link to the footprint's foremost point, (n,) [m].
+        half_width: Half width of the footprint, (n,) [m].
+        front: Distance from base_link to the footprint's foremost point, (n,) [m].
         threats: ``Threats``.
         label: Output, indices into ``SITUATIONS``, (n,).
     """
@@ -187,7 +189,7 @@ def _is_dead_end(standing, beams, half_width, front):
 
 @njit(cache=True, nogil=True)
 def _is_blocked(standing, beams, half_width, front, direction):
-    """Whether the body, turned that way, has less than POCKET straight on, by the beams: 0.1 m apart at that range."""
+    """Whether the body, turned that way, has less than POCKET straight ahead; beams are 0.1 m apart at that range."""
     angle = 2.0 * math.pi * direction / WAYS
     cos, sin = math.cos(angle), math.sin(angle)
     for k in range(len(standing)):
@@ -200,13 +202,13 @@ def _is_blocked(standing, beams, half_width, front, direction):
 
 
 class ArenaSituations:
-    """The situations of an arena's rows. Made before the first decision.
+    """Situations of an arena's rows. To be made before the first decision.
 
     Args:
-        arena: Whose rows run one episode each, on one thread.
+        arena: An arena on one thread whose rows run one episode each.
 
     Attributes:
-        label: (n,) indices into ``SITUATIONS``.
+        label: Indices into ``SITUATIONS``, (n,).
     """
 
     def __init__(self, arena: Arena):
@@ -234,7 +236,7 @@ class ArenaSituations:
         self.label = np.full(n, OTHER)
 
     def look(self, rows: NDArray[np.int64]) -> None:
-        """Label these rows as they are now; once before each decision."""
+        """Label the rows as they are now; to be called once before each decision."""
         state, sight = self._shard.rows, self._sight
         cast_level(
             rows, state.pose, self._heights, state.layout, self._layouts, self._no_parts, self._beams, self._reach,
@@ -244,7 +246,7 @@ class ArenaSituations:
         label_situations(rows, self._beams, sight, self._half_width, self._front, self._threats, self.label)
 
     def movers_in_base(self, row: int) -> FloatArray:
-        """The movers of a row: x, y, v_x, v_y, radius, in base_link's present frame over the ground, (m, 5)."""
+        """Movers of a row: x, y, v_x, v_y, radius, in base_link's present frame, velocities over the ground, (m, 5)."""
         state = self._shard.rows
         count, (x, y, yaw) = state.counts[row], state.pose[row]
         base_from_world = np.array([(math.cos(yaw), math.sin(yaw)), (-math.sin(yaw), math.cos(yaw))])

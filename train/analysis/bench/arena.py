@@ -17,23 +17,23 @@ BENCHMARKS = [
     {"name": "training worlds, 12 movers", "config": replace(ArenaConfig(), movers=(12, 12)), "goal": 200_000},
     {"name": "open ground, 40 movers", "config": replace(ArenaConfig(), movers=(40, 40)).of("dynamic"), "goal": 80_000},
 ]
-"""Goals in decisions a second on two cores."""
+"""Configurations to measure, with their goals in decisions a second on two cores."""
 
 
 @dataclass(frozen=True)
 class Arguments:
-    """Decisions a second with random actions."""
+    """Measure decisions a second with random actions."""
 
     threads: int = 2
     rows: int = 512
     seconds: float = 5.0
     """Wall time of each measurement."""
     kind: str = "paper"
-    """Of observation."""
+    """Kind of observation."""
 
 
 def measure(config: ArenaConfig, arguments: Arguments) -> dict[str, float]:
-    """Decisions a second of wall time, and of processor time a core."""
+    """Measure decisions a second of wall time, and a second of processor time of one core."""
     observed = ObservationConfig(kind=arguments.kind)  # type: ignore[arg-type]
     arena = Arena(config, observed, arguments.rows, 0, arguments.threads)
     arena.reset()
@@ -52,7 +52,7 @@ def measure(config: ArenaConfig, arguments: Arguments) -> dict[str, float]:
 
 
 def main(arguments: Arguments) -> None:
-    """One JSON object a line.
+    """Print one JSON object a line.
 
     Raises:
         BadArgument: If there is no such kind of observation, or a number is out of its range.

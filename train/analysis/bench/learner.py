@@ -1,4 +1,4 @@
-"""How fast the learner is, as ratios to named references: ``python -m train.analysis.bench.learner [--json]``."""
+"""Speed of the learner, as ratios to named references: ``python -m train.analysis.bench.learner [--json]``."""
 
 import json
 import time
@@ -29,27 +29,27 @@ class BenchArguments:
     """Measure the learner on one core."""
 
     stage: str = "fusion"
-    """Whose networks and settings."""
+    """Stage whose networks and settings are measured."""
     iterations: int = 3
-    """Of PPO, for the rate from end to end."""
+    """Iterations of PPO for the rate from end to end."""
     json: bool = False
-    """One JSON object, and nothing else."""
+    """Print one JSON object, and nothing else."""
 
 
 class Still:
     """An environment that costs nothing, for a learner that is given its batches."""
 
     def restart(self, seed: int):
-        """Not used."""
+        """Do nothing: it is never called."""
         raise AssertionError
 
     def step(self, action):
-        """Not used."""
+        """Do nothing: it is never called."""
         raise AssertionError
 
 
 def compare(first: Callable[[], None], second: Callable[[], None], rounds: int = ROUNDS) -> tuple[float, float]:
-    """Least times of both, measured in turns so that both see the same machine [s]."""
+    """Measure the least times of both in turns, so that both see the same machine [s]."""
     best = [float("inf"), float("inf")]
     for call in (first, second):
         call()
@@ -63,10 +63,12 @@ def compare(first: Callable[[], None], second: Callable[[], None], rounds: int =
 
 
 def fused_against_separate(stage: StageConfig, *, gate: bool) -> tuple[float, float]:
-    """Forward and backward of the fused layers, and of their experts as networks of their own, ``BATCH`` rows [s].
+    """Time passes through the fused layers, and through their experts as separate networks, over ``BATCH`` rows [s].
+
+    A pass is forward and backward.
 
     Args:
-        stage: Whose sizes.
+        stage: The stage that the sizes are from.
         gate: Compute the shares, too, by the gate; else they are given, and only their gradients computed.
     """
     generator = torch.Generator().manual_seed(0)
@@ -88,7 +90,7 @@ def fused_against_separate(stage: StageConfig, *, gate: bool) -> tuple[float, fl
 
 
 def torchrl_against_bare(stage: StageConfig) -> tuple[float, float]:
-    """One update of our learner, and of the same networks by bare torch, a minibatch [s]."""
+    """Time one update by our learner, and one of the same networks by bare torch, a minibatch [s]."""
     config = replace(stage.ppo, critic_first=0)
     learner = make_local_learner(replace(stage, ppo=config), 0, Alone(), Still())
     generator = torch.Generator().manual_seed(0)
@@ -108,7 +110,7 @@ def torchrl_against_bare(stage: StageConfig) -> tuple[float, float]:
 
 
 class _BarePpo:
-    """The loop as one would write it with nothing but torch."""
+    """The loop as it would be written with nothing but torch."""
 
     def __init__(self, stage: StageConfig, learner: PpoLearner):
         self.config, self.actor, self.critic = stage.ppo, cast(FusedActor, learner.actor), learner.critic
@@ -134,7 +136,7 @@ class _BarePpo:
 
 
 def end_to_end(stage: StageConfig, iterations: int) -> tuple[float, float]:
-    """Decisions a second of one worker alone with half of the worlds: collecting, and in all."""
+    """Measure decisions a second of one worker with half of the worlds: of collecting, and in all."""
     half = replace(stage.ppo, worlds=stage.ppo.worlds // 2, minibatch=stage.ppo.minibatch // 2)
     environment = ArenaEnvironment(stage, half.worlds)
     learner = make_local_learner(replace(stage, ppo=half), 0, Alone(), environment)
@@ -145,7 +147,7 @@ def end_to_end(stage: StageConfig, iterations: int) -> tuple[float, float]:
 
 
 def bench(arguments: BenchArguments) -> dict[str, float]:
-    """All of it."""
+    """Run all benchmarks."""
     torch.set_num_threads(1)
     stage = find_stage(arguments.stage)
     four = replace(stage, network=NetworkConfig(experts=4))

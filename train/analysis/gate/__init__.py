@@ -1,1 +1,1 @@
-"""The gate of a fused policy at work: which expert leads in which situation, and what it is worth there."""
+"""Analysis of the gate of a fused policy: which expert leads in which situation, and what it is worth there."""

@@ -1,4 +1,4 @@
-"""Episodes in which a gate is watched: what it did at every decision, and what the robot's situation was."""
+"""Episodes in which a gate is watched: its shares at every decision, and the robot's situation there."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -20,37 +20,38 @@ class Decisions(NamedTuple):
     """Decisions of many episodes, each episode's together and in order; d of them."""
 
     episode: NDArray[np.int64]
-    """(d,)"""
+    """Index of the episode, (d,)."""
     situation: NDArray[np.int64]
-    """The robot was in, index into SITUATIONS, (d,)."""
+    """Situation of the robot, index into SITUATIONS, (d,)."""
     taught: NDArray[np.int64]
     """Skill that the observation calls for, index into SKILLS, (d,)."""
     shares: NDArray[np.float32]
-    """Of the experts, (d, E)."""
+    """Shares of the experts, (d, E)."""
     action: NDArray[np.float32]
-    """What the fused policy did: v_x, v_y, w_z as shares of the body's limits, v_y 0 if it cannot, (d, 3)."""
+    """Action of the fused policy: v_x, v_y, w_z as shares of the body's limits, v_y 0 if it has no sideways motion, (d,
+    3)."""
     alone: NDArray[np.float32]
-    """What each expert alone would have done there, (d, E, 3)."""
+    """Action that each expert alone would have taken there, (d, E, 3)."""
     clearance: NDArray[np.float32]
     """Least true range beyond the footprint, ``inf`` if there is nothing, (d,) [m]."""
 
     @classmethod
     def join(cls, parts: "list[Decisions]") -> "Decisions":
-        """One after the other."""
+        """Join decisions, one group after the other."""
         return cls(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in cls._fields})
 
     def at(self, which: NDArray[np.integer]) -> "Decisions":
-        """These of them, in this order."""
+        """Select decisions by index, in the order of the indices."""
         return Decisions(**{name: getattr(self, name)[which] for name in self._fields})
 
 
 class Scene(NamedTuple):
-    """What was around the robot when a situation began, in base_link."""
+    """Scene around the robot when a situation began, in base_link."""
 
     ranges: NDArray[np.float32]
-    """(num_beams,) as reported [m]."""
+    """Ranges as reported, (num_beams,) [m]."""
     movers: FloatArray
-    """x, y, v_x, v_y, radius, (m, 5)."""
+    """Movers: x, y, v_x, v_y, radius, (m, 5)."""
     goal: tuple[float, float]
     """[m]"""
     footprint: FloatArray
@@ -63,19 +64,20 @@ class Watched:
 
     decisions: Decisions
     scenes: dict[tuple[int, int], Scene]
-    """By episode and number of the decision within it, at which a situation other than ``other`` began."""
+    """Scenes by episode and number of the decision within it, for each decision at which a situation other than
+    ``other`` began."""
     success: NDArray[np.bool_]
     """(episodes,)"""
 
 
 def watch(actor: FusedActor, config: ObservationConfig, evaluation: Evaluation, bar: tqdm) -> Watched:
-    """Play all episodes with the policy's mean actions, and note down everything.
+    """Play all episodes with the policy's mean actions, and record every decision.
 
     Args:
         actor: A fused policy.
-        config: What it looks at.
+        config: The observation that it reads.
         evaluation: Fresh episodes, on one thread.
-        bar: Goes on with every episode that ends.
+        bar: Progress bar, advanced with every episode that ends.
     """
     situations = ArenaSituations(evaluation.arena)
     (shard,) = evaluation.arena.shards
@@ -107,7 +109,7 @@ def watch(actor: FusedActor, config: ObservationConfig, evaluation: Evaluation, 
 def _decide(
     actor: FusedActor, observation: NDArray[np.float32], config: ObservationConfig
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
-    """Shares (n, E), action (n, 3), each expert's own (n, E, 3), and the skill that is called for (n,)."""
+    """Compute shares (n, E), action (n, 3), actions of each expert alone (n, E, 3) and the skill called for (n,)."""
     with torch.no_grad():
         seen = torch.from_numpy(observation)
         shares = actor.gate(seen)
@@ -119,20 +121,20 @@ def _decide(
 def play_without(
     actor: FusedActor, evaluation: Evaluation, only: NDArray[np.bool_], expert: int, situation: int, bar: tqdm
 ) -> NDArray[np.bool_]:
-    """Which episodes succeed if one expert has no share wherever the robot is in one situation.
+    """Find which episodes succeed if one expert has no share wherever the robot is in one situation.
 
     The others' shares add up to 1 again there; elsewhere the gate is as it was trained.
 
     Args:
         actor: A fused policy.
-        evaluation: Of the episodes, on one thread; they start again.
-        only: (episodes,) which to play.
-        expert: Which has none.
+        evaluation: The episodes, on one thread; they start again.
+        only: (episodes,) whether each is played.
+        expert: Index of the expert that has none, from 0.
         situation: Index into SITUATIONS.
-        bar: Goes on with every episode that ends.
+        bar: Progress bar, advanced with every episode that ends.
 
     Returns:
-        (episodes,); of those that are not played, nothing.
+        (episodes,) whether each succeeded; without meaning for those that are not played.
     """
     evaluation.again(only)
     situations = ArenaSituations(evaluation.arena)
@@ -141,7 +143,7 @@ def play_without(
         situations.look(rows)
         with torch.no_grad():
             seen = torch.from_numpy(evaluation.observation[rows])
-            shares = actor.gate(seen).clamp_min(1e-30)  # of a gate that is quite sure, something is left
+            shares = actor.gate(seen).clamp_min(1e-30)  # even a sure gate leaves the others something
             shares[torch.from_numpy(situations.label[rows] == situation), expert] = 0.0
             shares = shares / shares.sum(1, keepdim=True)
             _step(evaluation, rows, actor.mean(seen, shares).numpy(), bar)

@@ -15,27 +15,27 @@ from train.analysis.gate.summary import MOTIONS
 from train.analysis.situations import OTHER, SITUATIONS
 
 AROUND = 2.0
-"""Shown before and after a situation begins [s]."""
+"""Time shown before and after a situation begins [s]."""
 LASTING = 0.5
-"""A situation that is shown lasts at least so long, if any of its kind does [s]."""
+"""Least duration of a situation that is shown, if any of its kind lasts so long [s]."""
 SCENE = 3.0
-"""Shown around the robot [m]."""
+"""Distance shown around the robot [m]."""
 FARTHEST = 6.0
-"""Clearances above this, where there may be nothing at all, are drawn as this [m]; policies see so far."""
+"""Greatest clearance that is drawn, in place of all above it and of none at all [m]; policies see so far."""
 _EXPERTS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377")
 """Paul Tol's bright colours, told apart by the colour-blind."""
 _MOTIONS = ("#1b9e77", "#7570b3", "#d95f02", "#e7298a", "#bbbbbb")
 _LABELLED = 0.08
-"""A bar's smaller pieces are not labelled."""
+"""Smallest piece of a bar that is labelled."""
 
 
 def draw_shares(summary: dict, title: str, picture: Path) -> None:
-    """Mean shares of the experts by situation, and what each expert alone would do there; PNG.
+    """Draw mean shares of the experts by situation, and what each expert alone would do there; PNG.
 
     Args:
-        summary: Of ``gate_summary.summarise``.
-        title: Of the figure.
-        picture: To be written.
+        summary: Result of ``summary.summarise``.
+        title: Title of the figure.
+        picture: File to be written.
     """
     rows = {name: row for name, row in summary["situations"].items() if row["decisions"]}
     experts = len(summary["situations"]["all"]["experts"])
@@ -65,7 +65,7 @@ def draw_shares(summary: dict, title: str, picture: Path) -> None:
 
 
 def _stack(axes: Axes, at: np.ndarray, parts: np.ndarray, colours: tuple, names: list[str], width: float) -> None:
-    """Stacked bars: parts (bars, pieces) that add up to 1."""
+    """Draw stacked bars: parts (bars, pieces) that add up to 1."""
     bottom = np.zeros(len(parts))
     for k, name in enumerate(names):
         axes.bar(at, parts[:, k], width, bottom, color=colours[k % len(colours)], label=name)
@@ -77,12 +77,12 @@ def _stack(axes: Axes, at: np.ndarray, parts: np.ndarray, colours: tuple, names:
 
 
 def typical_moment(decisions: Decisions, situation: int, rate: float) -> tuple[int, int] | None:
-    """Where the situation begins in the most ordinary way.
+    """Find the most ordinary moment at which a situation begins.
 
     Args:
-        decisions: Of all episodes.
+        decisions: Decisions of all episodes.
         situation: Index into SITUATIONS.
-        rate: Of decisions [Hz].
+        rate: Rate of decisions [Hz].
 
     Returns:
         First and one past the last decision in it: of those that are led on average by the expert that leads the
@@ -112,14 +112,14 @@ def typical_moment(decisions: Decisions, situation: int, rate: float) -> tuple[i
 def draw_moments(
     decisions: Decisions, scenes: dict[tuple[int, int], Scene], rate: float, title: str, picture: Path
 ) -> None:
-    """A column for each situation but other: the scene as it begins, shares, command and clearance around then; PNG.
+    """Draw a column for each situation but ``other``: scene, shares, command and clearance around its beginning; PNG.
 
     Args:
-        decisions: Of all episodes.
-        scenes: By episode and number of the decision within it.
-        rate: Of decisions [Hz].
-        title: Of the figure.
-        picture: To be written.
+        decisions: Decisions of all episodes.
+        scenes: Scenes by episode and number of the decision within it.
+        rate: Rate of decisions [Hz].
+        title: Title of the figure.
+        picture: File to be written.
     """
     columns = [k for k in range(len(SITUATIONS)) if k != OTHER]
     figure = Figure(figsize=(4.0 * len(columns), 11.0), layout="constrained")
@@ -172,7 +172,7 @@ def _courses(panels: NDArray, decisions: Decisions, shown: NDArray[np.int64], ti
 
 
 def draw_scene(axes: Axes, scene: Scene) -> None:
-    """What the lidar returned, the movers that are there, where they will be in a second, and the goal's direction."""
+    """Draw the lidar's returns, the movers, where they will be in a second, and the goal's direction."""
     angles = -math.pi + np.arange(len(scene.ranges)) * (2.0 * math.pi / len(scene.ranges))
     seen = scene.ranges < SCENE
     axes.add_patch(Circle((0.0, 0.0), SCENE, facecolor="0.97", edgecolor="0.6"))

@@ -12,17 +12,18 @@ from train.navigation.skills import SKILLS
 from vuca_nav.types import FloatArray
 
 DRAWS = 1000
-"""Of the bootstrap."""
+"""Number of draws of the bootstrap."""
 SLOW = 0.1
-"""Shares of the limits up to this count as standing."""
+"""Share of the limits up to which a command counts as standing still."""
 MOTIONS = ("forward", "turn", "stop", "backward", "sideways")
-"""What a command does most of."""
+"""Names of the motions that a command can mostly be."""
 COMMAND = ("v_x", "turn", "w_z")
-"""Of a mean command, as shares of the body's limits: v_x, |w_z|, and w_z, in which turns to left and right cancel."""
+"""Columns of a mean command, as shares of the body's limits: v_x, |w_z|, and w_z, in which turns to left and right
+cancel."""
 
 
 def motions(command: NDArray[np.floating]) -> NDArray[np.int64]:
-    """What each command does most of, by its shares of the body's limits.
+    """Classify each command by its greatest component, in shares of its limits.
 
     Args:
         command: v_x, v_y, w_z, (..., 3).
@@ -38,17 +39,17 @@ def motions(command: NDArray[np.floating]) -> NDArray[np.int64]:
 
 
 def summarise(decisions: Decisions, kinds: NDArray[np.int64], names: Sequence[str], seed: int = 0) -> dict:
-    """Tables of one policy, ready for JSON.
+    """Summarise one policy as tables, ready for JSON.
 
     Args:
-        decisions: Of all episodes.
-        kinds: Of each episode's world, indices into ``names``, (episodes,).
-        names: Of the kinds of worlds.
-        seed: Of the bootstrap.
+        decisions: Decisions of all episodes.
+        kinds: Kind of each episode's world, index into ``names``, (episodes,).
+        names: Names of the kinds of worlds.
+        seed: Seed of the bootstrap.
 
     Returns:
         ``situations``: for each, and for ``all`` together, decisions, episodes and means as [mean, lower, upper end],
-        None where there are no decisions; ``skills``: who leads where an observation calls for which skill;
+        None where there are no decisions; ``skills``: the expert that leads where an observation calls for which skill;
         ``worlds``: decisions of each situation in each kind of world.
     """
     table = _Table(decisions, kinds, seed)
@@ -91,7 +92,7 @@ class _Table:
         self.draws = draws.reshape(DRAWS, *self.sums.shape[1:])
 
     def row(self, k: int) -> dict:
-        """One situation."""
+        """Means of one situation."""
         share, leads, entropy, alone = (self._per(k, what, "one") for what in ("shares", "leads", "entropy", "alone"))
         led = self._per(k, "led", "leads")
         return {
@@ -109,13 +110,13 @@ class _Table:
         }  # fmt: skip
 
     def skill(self, k: int) -> dict:
-        """Who leads where a skill is called for."""
+        """Shares of the decisions that each expert leads where a skill is called for."""
         leads = self._per(len(SITUATIONS), "taught and leads", "taught")[:, k]
         count = self.sums[:, len(SITUATIONS), self.slices["taught"]][:, k].sum()
         return {"decisions": int(count), "leads": _triples(leads)}
 
     def _per(self, k: int, what: str, of: str) -> FloatArray:
-        """Ratio of the totals of two blocks: itself, lower and upper end, (3, *shape); NaN where there is nothing."""
+        """Ratio of two totals: value, lower and upper end of its interval, (3, *shape); NaN where there is nothing."""
         totals = np.concatenate([self.sums.sum(0)[None], self.draws])[:, k]  # (1 + draws, columns)
         above = totals[:, self.slices[what]].reshape(-1, *self.shapes[what])
         below = totals[:, self.slices[of]].reshape(-1, *self.shapes[of])
@@ -131,10 +132,10 @@ class _Table:
 
 
 def _commands(command: NDArray[np.floating]) -> FloatArray:
-    """v_x, |w_z| and w_z of (..., 3)."""
+    """Compute v_x, |w_z| and w_z of commands (..., 3)."""
     return np.stack([command[..., 0], np.abs(command[..., 2]), command[..., 2]], -1).astype(float)
 
 
 def _triples(values: FloatArray) -> list:
-    """(3, k) as a list of k [mean, lower, upper], or None."""
+    """Convert (3, k) to a list of k [mean, lower, upper], or None."""
     return [None if np.isnan(triple[0]) else triple.tolist() for triple in values.T]

@@ -1,18 +1,18 @@
-"""What a gate does as tables in Markdown, for the terminal and for pages."""
+"""Tables in Markdown of what a gate does, for the terminal and for pages."""
 
 from train.analysis.gate.summary import MOTIONS
 from train.analysis.situations import DEFINITIONS, PRECEDENCE, SITUATIONS
 from train.navigation.skills import SKILLS
 
 LEAST = 0.01
-"""Of the decisions that an expert leads, for its command there to be in a table."""
+"""Least share of the decisions that an expert leads, for its command there to be in a table."""
 
 
 def tables(result: dict) -> str:
-    """One policy's.
+    """Write the tables of one policy. Experts are numbered from 1.
 
     Args:
-        result: Of ``gate_summary.summarise``, with ``knock_outs`` or without.
+        result: Result of ``summary.summarise``, with ``knock_outs`` or without.
     """
     rows = {name: row for name, row in result["situations"].items() if row["decisions"]}
     names = [f"expert {n + 1}" for n in range(len(result["situations"]["all"]["experts"]))]

@@ -1,4 +1,4 @@
-"""Who leads where: what the gate of a fused policy does in open floor, tight passages, dead ends, and before movers.
+"""Which expert leads where: the gate of a fused policy in open floor, tight passages, dead ends, and before movers.
 
 ``python -m train.analysis.gate FILE... --out DIR`` prints tables and writes ``summary.json`` and two pictures.
 """
@@ -31,7 +31,8 @@ from vuca_nav.files import prepare_directory, write_whole
 from vuca_nav.policy.weights_file import PolicyWeights, load_weights
 
 LEAST_SHARE = 0.01
-"""An expert with less on average in a situation is not knocked out there: hardly anything would change."""
+"""Least average share in a situation of an expert that is knocked out there: with less, hardly anything would
+change."""
 
 
 @dataclass(frozen=True)
@@ -40,25 +41,25 @@ class GateArguments:
 
     The policies play unseen worlds by their mean actions. By the truth, every decision is taken in open floor, in a
     tight passage, before a sudden or a known mover, in a dead end, or in none of these; the output says how each is
-    defined. For each situation it has the experts' shares, who leads, what is commanded then, and what each expert
+    defined. For each situation it has the experts' shares, the leader, what is commanded then, and what each expert
     alone would command, with 95% intervals for which whole episodes are drawn again: as tables on stdout and in
     summary.json, and as pictures, NAME_shares.png and NAME_moments.png.
     """
 
     files: tyro.conf.Positional[tuple[Path, ...]]
-    """Weights of fused policies."""
+    """Weights files of fused policies."""
     out: Path = Path("gate")
     """Directory of the results."""
     episodes: int = 500
-    """In each kind of world."""
+    """Number of episodes in each kind of world."""
     seed: int = 0
-    """Of the episodes and of the intervals; the same as python -m train.analysis.evaluate has."""
+    """Seed of the episodes and of the intervals; that of python -m train.analysis.evaluate by default."""
     kinds: tuple[Literal["static", "dynamic", "mixed", "square", "corridor"], ...] = KINDS  # type: ignore[assignment]
-    """Of worlds."""
+    """Kinds of worlds."""
     knock_outs: bool = False
-    """Also play the same episodes without each expert in each situation: some ten times as long."""
+    """Play the same episodes also without each expert in each situation: some ten times as long."""
     decision_rate: int | None = None
-    """[Hz]; by default what each policy was trained at."""
+    """Decisions a second [Hz]; by default the rate that each policy was trained at."""
 
 
 def analyse(name: str, source: PolicyWeights, arguments: GateArguments) -> dict:
@@ -91,7 +92,7 @@ def analyse(name: str, source: PolicyWeights, arguments: GateArguments) -> dict:
 
 
 def _join(watched: list[Watched], episodes: int) -> tuple[Decisions, dict[tuple[int, int], Scene]]:
-    """All kinds of worlds, their episodes numbered on."""
+    """Join the decisions of all kinds of worlds, numbering their episodes on."""
     parts = [w.decisions._replace(episode=w.decisions.episode + k * episodes) for k, w in enumerate(watched)]
     scenes = {(i + k * episodes, age): scene for k, w in enumerate(watched) for (i, age), scene in w.scenes.items()}
     return Decisions.join(parts), scenes
@@ -100,7 +101,7 @@ def _join(watched: list[Watched], episodes: int) -> tuple[Decisions, dict[tuple[
 def knock_outs(
     actor: FusedActor, evaluations: list[Evaluation], watched: list[Watched], result: dict, name: str
 ) -> list[dict]:
-    """What success is lost if an expert has no share in one situation, and the gate is as trained elsewhere.
+    """Measure the success lost if an expert has no share in one situation, and the gate is as trained elsewhere.
 
     Only episodes are played again in which the situation came up: up to its first decision in it, and so to its end if
     there is none, an episode is the same with and without the expert.
@@ -108,14 +109,14 @@ def knock_outs(
     Args:
         actor: The policy.
         evaluations: Its episodes, for each kind of world.
-        watched: What came of them.
+        watched: Their records.
         result: Its tables.
-        name: For the progress bar.
+        name: Title of the progress bar.
 
     Returns:
-        A row for each situation and expert: ``episodes`` in which the situation came up, the shares of success
-        ``with`` and ``without`` the expert, and the paired ``difference`` with its 95% interval; the latter three are
-        None for an expert that has less than LEAST_SHARE there.
+        A row for each situation and ``expert`` (from 1): ``episodes`` in which the situation came up, the shares of
+        success ``with`` and ``without`` the expert, and the paired ``difference`` with its 95% interval; the latter
+        three are None for an expert that has less than LEAST_SHARE there.
     """
     there = [[_met(w, situation) for w in watched] for situation in range(len(SITUATIONS))]
     shares = [
@@ -149,7 +150,7 @@ def knock_outs(
 
 
 def _met(watched: Watched, situation: int) -> NDArray[np.bool_]:
-    """In which episodes the situation came up."""
+    """Whether the situation came up in each episode, (episodes,)."""
     met = np.zeros(len(watched.success), np.bool_)
     met[watched.decisions.episode[watched.decisions.situation == situation]] = True
     return met
