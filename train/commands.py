@@ -1,4 +1,4 @@
-"""The command ``vuca train``: arguments in, an exit code out. What is heavy is imported when needed."""
+"""The command ``vuca train``: arguments in, an exit code out. Heavy modules are imported when needed."""
 
 import os
 from dataclasses import dataclass
@@ -22,24 +22,24 @@ TRAINABLE = {
     "critic": "the critic of V^h, from episodes that fusion-plus drives",
     "all": "everything but locomotion, one after another",
 }
-"""What there is to be trained; everything but the gait in the batched arena. Here, so that help needs no torch."""
+"""Trainings and what they train; all but the gait in the batched arena. Kept here, so that help needs no torch."""
 
 
 @dataclass(frozen=True)
 class LocomotionArguments:
-    """Train a quadruped's gait over batched MuJoCo; interrupted, go on with --resume."""
+    """Train a quadruped's gait over batched MuJoCo; an interrupted run goes on with --resume."""
 
     robot: str = "go2"
-    """A quadruped's name."""
+    """Name of a quadruped."""
     out: Path | None = None
     """Directory of checkpoints, log, TensorBoard files, curves and weights; by default runs/ROBOT."""
     seed: int = 0
     steps: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """Control steps of all robots together; by default the full recipe. The curriculum follows them."""
     threads: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """Processor cores to use; by default all. The weights do not depend on it."""
+    """Number of processor cores to use; by default all. The weights do not depend on it."""
     resume: bool = False
-    """Go on with what is in --out."""
+    """Go on with the run in --out."""
 
 
 def train(argv: list[str]) -> int:
@@ -62,7 +62,7 @@ def train(argv: list[str]) -> int:
 
 
 def _overview() -> str:
-    """The help of ``vuca train`` itself."""
+    """Help of ``vuca train`` itself."""
     width = max(map(len, TRAINABLE))
     lines = ["usage: vuca train WHAT [OPTIONS]", "", f"{(train.__doc__ or '').strip()}", "", "what:"]
     lines += [f"  {name:{width}}  {description}" for name, description in TRAINABLE.items()]

@@ -15,41 +15,41 @@ from vuca_nav.policy.observation import ObservationConfig, Observer
 
 
 class ArenaStep(NamedTuple):
-    """What a decision led to, a row for each robot; the arrays are overwritten by the next step."""
+    """Results of a decision, a row for each robot; the arrays are overwritten by the next step."""
 
     observation: NDArray[np.float32]
-    """(n, size); of the new episode where one ended."""
+    """Observations, (n, size); of the new episode where one ended."""
     progress: NDArray[np.float64]
-    """How much nearer the goal is than before, (n,) [m]."""
+    """Distance gained towards the goal, (n,) [m]."""
     clearance: NDArray[np.float64]
-    """Least true range beyond the footprint, at the end of the decision, ``inf`` if there is nothing, (n,) [m]."""
+    """Least true range beyond the footprint at the end of the decision, ``inf`` if there is nothing, (n,) [m]."""
     turn_rate: NDArray[np.float64]
-    """Actual, absolute, (n,) [rad/s]."""
+    """Actual turn rate, absolute, (n,) [rad/s]."""
     collided: NDArray[np.bool_]
-    """The footprint overlapped something, (n,)."""
+    """Whether the footprint overlapped an obstacle or a mover, (n,)."""
     reached: NDArray[np.bool_]
-    """The true position came within ``GOAL_TOLERANCE`` of the goal, (n,)."""
+    """Whether the true position came within ``GOAL_TOLERANCE`` of the goal, (n,)."""
     timed_out: NDArray[np.bool_]
-    """The time was up, (n,)."""
+    """Whether the time was up, (n,)."""
     final_observation: NDArray[np.float32]
-    """(n, size): the last one of an episode that ended; other rows have old ones."""
+    """Last observation of an episode that ended, (n, size); other rows have old ones."""
 
 
 class Arena:
     """Robots that start anew when their episode ends. The same seed gives the same bits for any number of threads.
 
     Args:
-        config: Which episodes.
+        config: Settings of the episodes.
         observer_config: What the robots see.
-        n: How many robots.
-        seed: Of all episodes; the layouts have their own, ``config.world_seed``.
-        threads: That step the rows; more than there are cores is no use.
+        n: Number of robots.
+        seed: Seed of all episodes; the layouts have their own, ``config.world_seed``.
+        threads: Number of threads that step the rows; more than there are cores is no use.
         once: Each row runs one episode and then stays as it is.
 
     Attributes:
         n: Number of robots.
-        observation_size: Numbers in an observation.
-        outputs: All that a decision led to.
+        observation_size: Size of an observation.
+        outputs: All results of a decision.
 
     Raises:
         BadArgument: If a number is out of its range, or beams, rates and sectors do not fit each other.
@@ -88,10 +88,10 @@ class Arena:
         self._step = ArenaStep(*self.outputs[:8])
 
     def reset(self, seed: int | None = None) -> NDArray[np.float32]:
-        """New episodes everywhere.
+        """Begin new episodes everywhere.
 
         Args:
-            seed: Of these and all that follow; None goes on with each row's next ones.
+            seed: Seed of these and all that follow; None goes on with each row's next ones.
 
         Returns:
             Their observations, (n, size), borrowed.
@@ -103,10 +103,10 @@ class Arena:
         return self.outputs.observation
 
     def restart(self, rows: NDArray[np.bool_]) -> NDArray[np.float32]:
-        """New episodes in some rows; for the others no time passes.
+        """Begin new episodes in some rows; for the others no time passes.
 
         Args:
-            rows: Which, (n,).
+            rows: Whether each row begins a new episode, (n,).
 
         Returns:
             Observations of all rows, (n, size), borrowed.
@@ -116,18 +116,18 @@ class Arena:
         return self.outputs.observation
 
     def end(self, rows: NDArray[np.bool_]) -> None:
-        """Let these rows (n,) stay as they are, if each row runs one episode, as if theirs had ended."""
+        """End the episodes of these rows (n,), if each row runs only one: they stay as they are."""
         for shard, (a, b) in zip(self.shards, self._bounds):
             shard.active &= ~rows[a:b]
 
     def _seed(self, seed: int) -> None:
-        """Each row's stream depends on the seed and on the row's index alone."""
+        """Seed each row's stream, which depends on the seed and on the row's index alone."""
         for shard, (a, b) in zip(self.shards, self._bounds):
             words = [np.random.SeedSequence((seed, row)).generate_state(1, np.uint64)[0] for row in range(a, b)]
             shard.rows.stream[:], shard.rows.drawn[:] = words, 0
 
     def step(self, action: NDArray[np.float32]) -> ArenaStep:
-        """One decision.
+        """Carry out one decision.
 
         Args:
             action: (n, 3) shares of the body's limits in [-1, 1]; what is beyond is clipped.
@@ -151,15 +151,15 @@ class Arena:
 
     @property
     def active(self) -> NDArray[np.bool_]:
-        """Which rows' episodes go on, (n,): all of them unless each row runs only one."""
+        """Whether each row's episode goes on, (n,): always True unless each row runs only one."""
         return np.concatenate([shard.active for shard in self.shards])
 
     def gather(self, name: str) -> np.ndarray:
-        """A copy of one of the fields of ``Rows``, of all rows."""
+        """Copy one of the fields of ``Rows``, of all rows."""
         return np.concatenate([getattr(shard.rows, name) for shard in self.shards])
 
     def close(self) -> None:
-        """Let the threads go."""
+        """Stop the threads."""
         if self._pool is not None:
             self._pool.shutdown()
 

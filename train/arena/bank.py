@@ -1,4 +1,4 @@
-"""The layouts that episodes are drawn from: made once from worlds' generators, as arrays that all rows share."""
+"""The layouts that episodes are drawn from: made once by the worlds' generators, as arrays that all rows share."""
 
 import hashlib
 import io
@@ -32,19 +32,19 @@ from worlds.shortest_path import STEPS
 from worlds.world import World
 
 MARGIN = 0.1
-"""Free room beside the largest body's circle at start, goal and on the way between them [m]."""
+"""Clearance of the largest body's circle at start, goal and on the path between them [m]."""
 MOVER_KINDS = ("cylinder", "box", "cart", "legs", "cylinder", "box", "legs", "person")
-"""In turn, of the bank's movers."""
+"""Kinds of the bank's movers, in turn."""
 NUM_MOVERS = 48
-"""Different movers."""
+"""Number of different movers."""
 MAX_PARTS = 3
-"""Of a mover."""
+"""Greatest number of parts of a mover."""
 CACHE_ABOVE = 10.0
-"""A bank that took longer to make is kept on disk [s]."""
+"""Time from which on a bank that took it to make is kept on disk [s]."""
 _STARTS = 16
-"""In each layout; the goals are spread around them."""
+"""Number of starts in each layout; the goals are spread around them."""
 _PATH_CELL = 2
-"""Ways are measured on every second cell of the clearance grid."""
+"""Spacing of the nodes of paths, in cells of the clearance grid."""
 _SOURCES = {"static": "static", "dynamic": "dynamic", "mixed": "static", "square": "square", "corridor": "factory"}
 
 
@@ -53,37 +53,37 @@ class Bank:
     """All layouts, one after the other, and the movers' shapes."""
 
     kind_first: np.ndarray
-    """Where the layouts of each of ``KINDS`` begin and end, (kinds, 2)."""
+    """Index of the first layout of each of ``KINDS``, and one past its last, (kinds, 2)."""
     static: FloatArray
-    """Shapes, (s, LEVEL_COLUMNS)."""
+    """Shapes of the static obstacles, (s, LEVEL_COLUMNS)."""
     first: np.ndarray
-    """Where a layout's shapes begin, and the last one's end, (layouts + 1,)."""
+    """Index of each layout's first shape, and the number of all shapes, (layouts + 1,)."""
     grids: FloatArray
     """Origin x, y and resolution of each layout's grids, (layouts, 3) [m]."""
     grid_shape: np.ndarray
-    """Where a layout's cells begin, rows, columns, (layouts, 3)."""
+    """Index of the first cell of each layout's grid, its rows and its columns, (layouts, 3)."""
     clearance: np.ndarray
-    """Of every cell's centre from what stands still, all layouts, (cells,) float32 [m]."""
+    """Clearance of every cell's centre from static obstacles, all layouts, (cells,) float32 [m]."""
     away: np.ndarray
-    """Distance of every cell to the wide ways that movers keep to, (cells,) float32 [m]."""
+    """Distance of every cell to the wide paths that movers keep to, (cells,) float32 [m]."""
     places: FloatArray
-    """Where movers may start, (q, 2) [m]."""
+    """Places where movers may start, (q, 2) [m]."""
     places_of: np.ndarray
-    """Where a layout's places begin, and the last one's end, (layouts + 1,)."""
+    """Index of each layout's first place, and the number of all places, (layouts + 1,)."""
     pairs: FloatArray
-    """Tasks: start x, y, goal x, y and length of the shortest way, (layouts, p, 5) [m]."""
+    """Tasks: start x, y, goal x, y and length of the shortest path, (layouts, p, 5) [m]."""
     part_shapes: FloatArray
-    """Of the movers' parts, (b, MAX_PARTS, LEVEL_COLUMNS)."""
+    """Shapes of the movers' parts, (b, MAX_PARTS, LEVEL_COLUMNS)."""
     part_local: FloatArray
-    """x, y, cos, sin in the mover's frame and swing, (b, MAX_PARTS, 5) [m]."""
+    """x, y, cos, sin of the parts in the mover's frame, and their swing, (b, MAX_PARTS, 5) [m]."""
     part_count: np.ndarray
-    """(b,)"""
+    """Number of parts of each mover, (b,)."""
     mover_radius: FloatArray
     """(b,) [m]"""
 
 
 def make_bank(config: ArenaConfig) -> Bank:
-    """The bank of a configuration, from the cache if it is there."""
+    """Make the bank of a configuration, or read it from the cache."""
     what = f"{config.layouts} {config.pairs} {config.lengths} {config.world_seed} {LARGEST_RADIUS} {_used(config)}"
     file = cache_folder() / f"{hashlib.sha256(_code() + what.encode()).hexdigest()[:32]}.npz"
     names = [field.name for field in fields(Bank)]
@@ -101,19 +101,19 @@ def make_bank(config: ArenaConfig) -> Bank:
 
 @cache
 def _code() -> bytes:
-    """Of all that a bank is made by: a bank that was made by anything else is not found."""
+    """Hash of all code that makes a bank: a bank made by other code is not found."""
     files = [Path(__file__), *sorted(Path(worlds.__path__[0]).rglob("*.py"))]
     return b"".join(hashlib.sha256(file.read_bytes()).digest() for file in files)
 
 
 def cache_folder() -> Path:
-    """Where banks that took long are kept."""
+    """Folder of the banks that took long to make."""
     base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(base) / "vuca-nav" / "arena"
 
 
 def _used(config: ArenaConfig) -> list[str]:
-    """The generators that this configuration needs, each once."""
+    """Generators that this configuration needs, each once."""
     return list(dict.fromkeys(_SOURCES[kind] for kind, share in zip(KINDS, config.shares) if share > 0.0))
 
 
@@ -156,7 +156,7 @@ def _span(sources: list[str], source: str, layouts: int) -> tuple[int, int]:
 
 
 def _layout(source: str, config: ArenaConfig, k: int, rng: np.random.Generator) -> tuple[World, FloatArray]:
-    """The k-th world of a source that can be made and holds tasks, without its movers, and its tasks (p, 5)."""
+    """Make the k-th world of a source that can be made and holds tasks: without its movers, and its tasks (p, 5)."""
     region, movers = 1 if source == "factory" else None, 0 if source in ("square", "dynamic") else None
     for attempt in range(20):
         seed = config.world_seed + k + attempt * config.layouts
@@ -173,7 +173,7 @@ def _layout(source: str, config: ArenaConfig, k: int, rng: np.random.Generator) 
 
 
 def _tasks(field: ClearanceField, config: ArenaConfig, rng: np.random.Generator) -> FloatArray:
-    """Starts and goals, with lengths of the shortest ways spread evenly over the wanted range, (pairs, 5); or none."""
+    """Draw starts and goals with shortest paths of evenly spread lengths in the wanted range, (pairs, 5), or none."""
     free = field.distance >= LARGEST_RADIUS + MARGIN
     coarse = free[::_PATH_CELL, ::_PATH_CELL]
     cells = np.argwhere(coarse)
@@ -203,7 +203,7 @@ def _tasks(field: ClearanceField, config: ArenaConfig, rng: np.random.Generator)
 
 
 def _graph(free: np.ndarray, cell: float) -> sparse.csr_matrix:
-    """Cells and the ways between them over a king's and a knight's moves [m]."""
+    """Graph of the cells and the king's and knight's moves between them [m]."""
     index = np.full(free.shape, -1)
     index[free] = np.arange(int(free.sum()))
     padded = np.pad(index, 2, constant_values=-1)
@@ -220,7 +220,7 @@ def _graph(free: np.ndarray, cell: float) -> sparse.csr_matrix:
 
 
 def _mover_shapes(seed: int) -> tuple[FloatArray, FloatArray, np.ndarray, FloatArray]:
-    """Columns of NUM_MOVERS movers as the worlds draw them."""
+    """Shapes of NUM_MOVERS movers as the worlds draw them."""
     rng = np.random.default_rng(np.random.SeedSequence((seed, 8)))
     shapes = np.zeros((NUM_MOVERS, MAX_PARTS, LEVEL_COLUMNS))
     local = np.zeros((NUM_MOVERS, MAX_PARTS, 5))

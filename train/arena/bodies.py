@@ -1,4 +1,4 @@
-"""The bodies of the arena: TIAGo and Go2 as identified in MuJoCo, and others around and beyond them."""
+"""The bodies of the arena: TIAGo and Go2 as identified in MuJoCo, and drawn ones around and beyond them."""
 
 import json
 import math
@@ -27,9 +27,9 @@ from train.arena.config import ArenaConfig
 from vuca_nav.types import BodySpec, FloatArray
 
 LARGEST_RADIUS = 0.45
-"""Of a drawn body's circumscribed circle [m]; Go2's is 0.41 m."""
+"""Radius of a drawn body's circumscribed circle, at most [m]; Go2's is 0.41 m."""
 WHEEL_SPEED = WHEEL_RADIUS * WHEEL_MAX_SPEED
-"""TIAGo's, at the rim [m/s]."""
+"""Greatest speed of TIAGo's wheels at the rim [m/s]."""
 GAIN, LAG, DELAY, NOISE = range(4)
 """Columns of a body's response."""
 RADIUS, LIDAR_HEIGHT, HEIGHT_OVER_ALL, WHEEL_ARM = range(4)
@@ -40,28 +40,28 @@ LOWEST, HIGHEST, ACCELERATION = range(3)
 
 @dataclass(frozen=True, slots=True)
 class ArenaBody:
-    """A body and how its velocity follows its command."""
+    """A body, and how its velocity follows its command."""
 
     spec: BodySpec
     response: FloatArray
-    """(3, 4): of v_x, v_y and w_z the gain, lag [s], delay [s] and noise [m/s or rad/s], as
-    ``train.analysis.response`` identifies them."""
+    """Gain, lag [s], delay [s] and noise [m/s or rad/s] of v_x, v_y and w_z, (3, 4), as ``train.analysis.response``
+    identifies them."""
     lidar_height: float
     """[m]"""
     height: float
-    """[m]"""
+    """Height over all [m]."""
     wheel_arm: float = 0.0
     """Half the distance of the drive wheels; 0 for a body whose axes do not limit each other [m]."""
 
 
 def identified_response(robot: str) -> FloatArray:
-    """How a robot's velocity follows its command, as ``train.analysis.response`` found it in MuJoCo.
+    """Response of a robot's velocity to its command, as ``train.analysis.response`` found it in MuJoCo.
 
     Rounded to thousandths: no identification is more exact. An axis that the robot does not have follows as fast as
     v_x does.
 
     Args:
-        robot: Its name.
+        robot: Name of the robot.
 
     Returns:
         (3, 4): of v_x, v_y and w_z the gain, lag [s], delay [s] and noise [m/s or rad/s].
@@ -74,18 +74,18 @@ def identified_response(robot: str) -> FloatArray:
 
 
 def tiago() -> ArenaBody:
-    """TIAGo as it was identified."""
+    """Make TIAGo as it was identified."""
     spec = BodySpec("tiago", FOOTPRINT, MAX_V_X, MIN_V_X, 0.0, MAX_W_Z, MAX_A_X, 0.0, MAX_A_W)
     return ArenaBody(spec, identified_response("tiago"), TIAGO_LIDAR.height, HEIGHT, WHEEL_SEPARATION / 2.0)
 
 
 def go2() -> ArenaBody:
-    """Go2 as it was identified."""
+    """Make Go2 as it was identified."""
     return ArenaBody(GO2.spec, identified_response("go2"), GO2.lidar.height, GO2.height)
 
 
 def random_body(rng: Generator) -> ArenaBody:
-    """A disc, a box or an oval, quick or slow, with or without sideways motion."""
+    """Draw a disc, a box or an oval, quick or slow, with or without sideways motion."""
     long = rng.uniform(0.2, LARGEST_RADIUS)
     wide = long * rng.uniform(0.5, 1.0)
     if rng.random() < 0.5:
@@ -116,25 +116,25 @@ def random_body(rng: Generator) -> ArenaBody:
 
 @dataclass(frozen=True, slots=True)
 class BodyColumns:
-    """All bodies as arrays, b rows."""
+    """Arrays of all bodies, b rows."""
 
     bodies: tuple[ArenaBody, ...]
     first: np.ndarray
-    """Where the bodies of a kind begin, and where the last one's end, (kinds + 1,)."""
+    """Index of the first body of each kind, and the number of all bodies, (kinds + 1,)."""
     footprints: FloatArray
-    """(b, c, 2), padded [m]."""
+    """Outlines of the footprints, padded, (b, c, 2) [m]."""
     corners: np.ndarray
-    """(b,)"""
+    """Number of corners of each outline, (b,)."""
     shape: FloatArray
-    """(b, 4): radius, lidar's height, height [m], half the distance of the drive wheels or 0."""
+    """Radius, lidar's height, height [m], and half the distance of the drive wheels or 0, (b, 4)."""
     limits: FloatArray
-    """(b, 3, 3): of each axis the lowest and the highest velocity and the acceleration."""
+    """Lowest velocity, highest velocity and acceleration of each axis, (b, 3, 3)."""
     response: FloatArray
-    """(b, 3, 4)"""
+    """Gain, lag, delay and noise of each axis, (b, 3, 4)."""
 
 
 def body_columns(config: ArenaConfig) -> BodyColumns:
-    """TIAGo, Go2 and the drawn ones, always the same for the same number."""
+    """Make TIAGo, Go2 and the drawn bodies, always the same for the same number."""
     rng = np.random.default_rng(np.random.SeedSequence((config.world_seed, 7)))
     bodies = (tiago(), go2(), *(random_body(rng) for _ in range(config.num_bodies)))
     corners = np.array([len(body.spec.footprint) for body in bodies])

@@ -1,4 +1,4 @@
-"""What the arena is made of: worlds, movers, bodies and everything that is imperfect."""
+"""Settings of the arena: worlds, movers, bodies and everything that is imperfect."""
 
 import math
 from dataclasses import dataclass, replace
@@ -9,46 +9,47 @@ from vuca_nav.task import GOAL_TOLERANCE
 from worlds.registry import TRAINING_SEED
 
 KINDS = ("static", "dynamic", "mixed", "square", "corridor")
-"""Walls and roadblocks; open ground with movers; walls, roadblocks and movers; the plaza with movers; the corridors of
-the factory's first quarter with movers."""
+"""Kinds of worlds: walls and roadblocks; open ground with movers; walls, roadblocks and movers; the plaza with movers;
+the corridors of the factory's first quarter with movers."""
 BODY_KINDS = ("tiago", "go2", "random")
 MAX_LATENCY = 8
-"""More ticks of latency than any stack has; commands are remembered for no longer."""
+"""Greatest latency [ticks]: more than any stack has; commands are remembered for no longer."""
 MOST_MOVERS = 120
-"""In one world: more than any of ours has."""
+"""Greatest number of movers in one world: more than any of the registry has."""
 
 
 @dataclass(frozen=True, slots=True)
 class Imperfections:
-    """Errors of sensors, of the pose and of the way a command is carried out. Sigmas of normal distributions."""
+    """Errors of sensors, of the pose and of the body; sigmas are of normal distributions."""
 
     range_sigma: float = 0.02
-    """Of one range [m] (robots.noise)."""
+    """Sigma of a range [m] (robots.noise)."""
     dropout: float = 0.01
-    """Share of beams that return nothing (robots.noise)."""
+    """Share of beams without a return (robots.noise)."""
     empty_scan: float = 0.002
-    """Share of scans that return nothing at all."""
+    """Share of scans without any return."""
     twist_sigma: float = 0.02
-    """Of the measured velocity, in shares of the body's limits."""
+    """Sigma of the measured velocity, in shares of the body's limits."""
     odometry_scale: float = 0.03
     """Relative error of odometry's distances, per episode (robots.noise)."""
     odometry_turn: float = 0.02
     """Relative error of odometry's turns, per episode (robots.noise)."""
     pose_sigma: float = 0.04
-    """Of the position that SLAM gives the goal by [m]; over an episode it errs by 0.02 to 0.04."""
+    """Sigma of SLAM's position, which the goal is given by [m]; over an episode it errs by 0.02 to 0.04."""
     yaw_sigma: float = 0.01
-    """Of its heading [rad]."""
+    """Sigma of SLAM's heading [rad]."""
     pose_time: float = 5.0
-    """Over which the pose's error stays alike [s]."""
+    """Correlation time of the pose's error [s]."""
     latency: tuple[int, int] = (0, 2)
     """Least and greatest delay of a command beside the body's own, per episode [ticks of 1/30 s]."""
     response_spread: float = 0.3
-    """The body's lags, delays and noise are drawn within so much of what was identified, gains within a tenth of it."""
+    """Relative spread of the body's lags, delays and noise about what was identified; gains spread by a tenth at
+    most."""
     velocity_noise: float = 1.0
-    """Times what was identified about the response."""
+    """Factor on the response's noise as identified."""
 
     def __post_init__(self) -> None:
-        """Raises BadArgument for what is out of its range."""
+        """Raise BadArgument for a value that is out of its range."""
         low, high = self.latency
         if not 0 <= low <= high <= MAX_LATENCY:
             raise BadArgument(f"latency {self.latency}: ticks from 0 to {MAX_LATENCY}, the first at most the second")
@@ -62,54 +63,55 @@ class Imperfections:
 
     @classmethod
     def none(cls) -> "Imperfections":
-        """Everything exact; bodies respond as identified, without the noise."""
+        """Make everything exact; bodies respond as identified, without the noise."""
         return cls(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 5.0, (0, 0), 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class ArenaConfig:
-    """Which episodes the arena draws."""
+    """Settings of the episodes that the arena draws."""
 
     static: float = 0.2
-    """Weight of this kind of world among all; so the other four."""
+    """Weight of this kind of world among all; likewise the other four."""
     dynamic: float = 0.25
     mixed: float = 0.3
     square: float = 0.1
     corridor: float = 0.15
     movers: tuple[int, int] = (6, 20)
-    """Fewest and most, in the worlds that have any."""
+    """Fewest and most movers, in the worlds that have any."""
     mover_speeds: tuple[float, float] = (0.2, 2.0)
-    """Slowest and fastest, over the body's own greatest speed."""
+    """Slowest and fastest speed of a mover, as multiples of the body's own greatest speed."""
     patrols: float = 0.25
-    """Share of the movers that go straight to and fro; half of them across the robot's straight way."""
+    """Share of the movers that go straight to and fro; half of them across the robot's straight path."""
     pausing: float = 0.2
-    """Share that stops and goes."""
+    """Share of the movers that stop and go."""
     lengths: tuple[float, float] = (1.5, 12.0)
-    """Of the shortest way to the goal [m]."""
+    """Least and greatest length of the shortest path to the goal [m]."""
     time_factor: float = 3.0
-    """An episode may take so many times the shortest way at full speed ..."""
+    """Time limit of an episode, as a multiple of the shortest path's time at full speed ..."""
     time_slack: float = 10.0
-    """... and so much more [s]."""
+    """... and the time added to it [s]."""
     tiago: float = 0.4
-    """Weight of this body among all; so the other two."""
+    """Weight of this body among all; likewise the other two."""
     go2: float = 0.4
     random: float = 0.2
-    """Of drawn bodies: discs, boxes and ovals, with and without sideways motion."""
+    """Weight of drawn bodies: discs, boxes and ovals, with and without sideways motion."""
     num_bodies: int = 48
-    """How many are drawn."""
+    """Number of drawn bodies."""
     decision_rate: int = 10
-    """[Hz]; 30 must be a multiple."""
+    """Decisions a second [Hz]; must divide 30."""
     num_beams: int = 180
     layouts: int = 48
-    """Different layouts of each kind of world."""
+    """Number of different layouts of each kind of world."""
     pairs: int = 64
-    """Different tasks in each layout."""
+    """Number of different tasks in each layout."""
     world_seed: int = TRAINING_SEED
-    """Of the first layout, the others follow: from 1,000,000 on, so that no policy has seen what it is tested on."""
+    """Seed of the first layout, which the others follow: from 1,000,000 on, so that no policy has seen what it is
+    tested on."""
     imperfections: Imperfections = Imperfections()
 
     def __post_init__(self) -> None:
-        """Raises BadArgument for what is out of its range."""
+        """Raise BadArgument for a value that is out of its range."""
         for names in (KINDS, BODY_KINDS):
             weights = [getattr(self, name) for name in names]
             if min(weights) < 0.0 or not 0.0 < sum(weights) < math.inf:
@@ -125,20 +127,20 @@ class ArenaConfig:
         check_positive(self, "time_factor")
 
     def of(self, kind: str) -> "ArenaConfig":
-        """The same with only this kind of world.
+        """Make the same configuration with only this kind of world.
 
         Raises:
-            BadArgument: There is no such kind.
+            BadArgument: If there is no such kind.
         """
         if kind not in KINDS:
             raise BadArgument(f"no kind of world {kind!r}; there are {', '.join(KINDS)}")
         return replace(self, **{name: float(name == kind) for name in KINDS})  # type: ignore[arg-type]
 
     def driven_by(self, body: str) -> "ArenaConfig":
-        """The same with only this kind of body.
+        """Make the same configuration with only this kind of body.
 
         Raises:
-            BadArgument: There is no such body.
+            BadArgument: If there is no such body.
         """
         if body not in BODY_KINDS:
             raise BadArgument(f"no body {body!r}; there are {', '.join(BODY_KINDS)}")
@@ -146,12 +148,12 @@ class ArenaConfig:
 
     @property
     def shares(self) -> tuple[float, ...]:
-        """Of the kinds of worlds, summing to 1."""
+        """Shares of the kinds of worlds, summing to 1."""
         weights = [getattr(self, name) for name in KINDS]
         return tuple(weight / sum(weights) for weight in weights)
 
     @property
     def body_shares(self) -> tuple[float, ...]:
-        """Of the kinds of bodies, summing to 1."""
+        """Shares of the kinds of bodies, summing to 1."""
         weights = [getattr(self, name) for name in BODY_KINDS]
         return tuple(weight / sum(weights) for weight in weights)

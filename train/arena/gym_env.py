@@ -21,11 +21,13 @@ ENV_ID = "vuca/Arena-v0"
 
 
 class ArenaVectorEnv(VectorEnv):
-    """n robots. Where an episode ends, the observation is the next one's first, and ``infos["final_obs"]`` its last.
+    """The arena as n environments; where an episode ends, ``infos["final_obs"]`` has its last observation.
+
+    The observation returned for it is the first of the next episode.
 
     Args:
-        arena: Whose rows.
-        rewards: Column of the paper's Table I.
+        arena: The arena whose rows are the environments.
+        rewards: Column of Table I of Zhang et al.
 
     Raises:
         UnknownName: If there is no such column.
@@ -45,13 +47,13 @@ class ArenaVectorEnv(VectorEnv):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """New episodes everywhere; with a seed, always the same ones."""
+        """Begin new episodes everywhere; with a seed, always the same ones."""
         return self._arena.reset(seed).copy(), {}
 
     def step(
         self, actions: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """One decision of all robots.
+        """Carry out one decision of all robots.
 
         Args:
             actions: (n, 3) shares of the body's limits in [-1, 1].
@@ -66,7 +68,7 @@ class ArenaVectorEnv(VectorEnv):
         return step.observation.copy(), self._terms.sum(axis=0), terminated, truncated, infos
 
     def close_extras(self, **_: Any) -> None:
-        """Let the arena's threads go."""
+        """Stop the arena's threads."""
         self._arena.close()
 
 
@@ -79,20 +81,20 @@ def make_arena_env(
     observation: ObservationConfig | None = None,
     threads: int = 1,
 ) -> ArenaVectorEnv:
-    """What ``gymnasium.make_vec`` calls.
+    """Make the environments; ``gymnasium.make_vec`` calls this.
 
     Args:
-        num_envs: How many robots, each in a world of its own.
+        num_envs: Number of robots, each in a world of its own.
         kind: Only this kind of world, one of ``train.arena.config.KINDS``.
         body: Only this body, one of ``train.arena.config.BODY_KINDS``.
-        rewards: Column of the paper's Table I.
-        config: Everything else about the episodes; by default what policies are trained in.
-        observation: What the robots see; by default what the paper's do.
-        threads: That step the rows; episodes do not depend on them.
+        rewards: Column of Table I of Zhang et al.
+        config: All other settings of the episodes; by default those that policies are trained in.
+        observation: What the robots see; by default what those of the paper see.
+        threads: Number of threads that step the rows; episodes do not depend on them.
 
     Raises:
-        BadArgument: There is no such kind or body, or a number is out of its range.
-        UnknownName: There is no such column of rewards.
+        BadArgument: If there is no such kind or body, or a number is out of its range.
+        UnknownName: If there is no such column of rewards.
     """
     find_rewards(rewards)  # worlds take longer
     config = config or ArenaConfig()

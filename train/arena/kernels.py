@@ -1,4 +1,4 @@
-"""The arena's own compiled steps: random numbers, new episodes, driving, and what the sensors make of it.
+"""Compiled steps of the arena: random numbers, new episodes, driving, and the errors of the sensors.
 
 Each takes the rows it works on and touches no others; every row has a random stream of its own.
 """
@@ -29,41 +29,41 @@ from train.arena.rows import (
 from worlds.splitmix import next_uniform
 
 _NUM_UNIFORM = 21
-"""Numbers that a new episode takes."""
+"""Number of uniform numbers that a new episode takes."""
 _WORD = 9007199254740992.0
 """2^53: a number in [0, 1) times this is a seed."""
 _MOST_GAIN_SPREAD = 0.1
-"""A body's gain is spread by no more than this: it is what identification is surest of."""
+"""Greatest relative spread of a body's gain: the part of the response that identification is surest of."""
 
 
 class EpisodeSettings(NamedTuple):
-    """What episodes are drawn from."""
+    """Settings that episodes are drawn from."""
 
     shares: np.ndarray
-    """Of the kinds of worlds, (kinds,)."""
+    """Shares of the kinds of worlds, (kinds,)."""
     body_shares: np.ndarray
-    """Of the kinds of bodies."""
+    """Shares of the kinds of bodies, (body kinds,)."""
     has_movers: np.ndarray
-    """Which kinds of worlds have movers, (kinds,)."""
+    """Whether each kind of world has movers, (kinds,)."""
     movers: tuple[int, int]
-    """Fewest and most."""
+    """Fewest and most movers."""
     mover_speeds: tuple[float, float]
-    """Slowest and fastest, over the body's greatest."""
+    """Slowest and fastest speed of a mover, as multiples of the body's greatest."""
     latency: tuple[int, int]
-    """Shortest and longest [ticks]."""
+    """Shortest and longest latency [ticks]."""
     time_factor: float
-    """Of the shortest way's time ..."""
+    """Time limit as a multiple of the shortest path's time ..."""
     time_slack: float
-    """... and what is added to it [s], for the time limit."""
+    """... and the time added to it [s]."""
     keep_off: float
-    """Between a mover and the robot's circle at its start [m]."""
+    """Distance between a mover and the robot's circle at its start [m]."""
     response_spread: float
     velocity_noise: float
     odometry_scale: float
     odometry_turn: float
     pose_sigma: float
     yaw_sigma: float
-    """These six as ``train.arena.config.Imperfections`` has them."""
+    """The last six fields are as ``train.arena.config.Imperfections`` has them."""
 
 
 class EpisodeSource(NamedTuple):
@@ -78,49 +78,49 @@ class EpisodeSource(NamedTuple):
 
 
 class Wheels(NamedTuple):
-    """Drive wheels, which limit what speed and turn rate go together."""
+    """Drive wheels, which limit the speed and turn rate that go together."""
 
     arm: np.ndarray
-    """Of each body, 0 if it has none, (b,) [m]."""
+    """Half the distance of the drive wheels of each body, 0 if it has none, (b,) [m]."""
     speed: float
-    """Greatest at the rim [m/s]."""
+    """Greatest speed at the rim [m/s]."""
 
 
 class Driven(NamedTuple):
-    """What comes of driving for a decision."""
+    """Results of driving for a decision."""
 
     poses: np.ndarray
-    """After each tick, (n, ticks, 3)."""
+    """Poses after each tick, (n, ticks, 3)."""
     twist: np.ndarray
-    """True, in the last tick, (n, 3)."""
+    """True twist in the last tick, (n, 3)."""
     motion: np.ndarray
-    """Displacement by odometry in the base frame before, (n, 3)."""
+    """Displacement by odometry in the decision's first base frame, (n, 3)."""
     way: np.ndarray
-    """Length of the way, (n,) [m]."""
+    """Length of the path driven, (n,) [m]."""
 
 
 class Ends(NamedTuple):
-    """How episodes go on or end."""
+    """Outcomes: whether and how episodes ended."""
 
     progress: np.ndarray
     collided: np.ndarray
     reached: np.ndarray
     timed_out: np.ndarray
     ended: np.ndarray
-    """The tick within this decision after which they did, from 1."""
+    """Tick within this decision after which each episode ended, from 1."""
 
 
 class SensorFlaws(NamedTuple):
-    """What is wrong with what the robots sense, as ``train.arena.config.Imperfections`` has it."""
+    """Errors of the sensors, as ``train.arena.config.Imperfections`` has them."""
 
     table: np.ndarray
     """Range noise of many beams in a row, infinite for a dropped one, (T,) [m]."""
     velocity_scale: np.ndarray
-    """The sigma of the twist is relative to this, (b, 3)."""
+    """Velocities that the sigma of the twist is relative to, (b, 3)."""
     min_range: float
-    """Of the lidar [m]."""
+    """Least range of the lidar [m]."""
     max_range: float
-    """[m]"""
+    """Greatest range of the lidar [m]."""
     empty_scan: float
     twist_sigma: float
     pose_sigma: float
@@ -129,18 +129,18 @@ class SensorFlaws(NamedTuple):
 
 
 class Sensed(NamedTuple):
-    """What the stack is given."""
+    """Measurements that the stack is given."""
 
     ranges: np.ndarray
     """True ranges, which become the reported ones, (n, num_beams) [m]."""
     clearance: np.ndarray
-    """Output, least true range beyond the footprint, ``inf`` if there is nothing, (n,) [m]."""
+    """Output: least true range beyond the footprint, ``inf`` if there is nothing, (n,) [m]."""
     nearest: np.ndarray
-    """Output, least reported range, (n,) [m]."""
+    """Output: least reported range, (n,) [m]."""
     goals: np.ndarray
-    """Output, in base_link, (n, 2) [m]."""
+    """Output: goals in base_link, (n, 2) [m]."""
     twist: np.ndarray
-    """Output, as measured, (n, 3)."""
+    """Output: measured twists, (n, 3)."""
 
 
 @njit(cache=True, nogil=True)
@@ -154,7 +154,7 @@ def _normals(streams, i, out):
 
 @njit(cache=True, nogil=True)
 def _pick(shares, u):
-    """Index into shares that sum to 1."""
+    """Find the index that a number in [0, 1) picks from shares that sum to 1."""
     for k in range(len(shares) - 1):
         if u < shares[k]:
             return k
@@ -164,14 +164,14 @@ def _pick(shares, u):
 
 @njit(cache=True, nogil=True)
 def draw_episodes(rows, tick, settings, source, streams, episodes, robots, request):
-    """New episodes for these rows: body, layout, task, response, errors and what the movers follow from.
+    """Draw new episodes for these rows: body, layout, task, response, errors and the request for movers.
 
     Args:
-        rows: Which, (k,).
-        tick: [s]
+        rows: Indices of the rows, (k,).
+        tick: Duration of a tick [s].
         settings: An ``EpisodeSettings``.
         source: An ``EpisodeSource``.
-        streams: Of the rows; state.
+        streams: ``Streams`` of the rows; state.
         episodes: Output, an ``Episodes``.
         robots: Output, a ``Robots``.
         request: Output, a ``MoverRequest``.
@@ -224,14 +224,14 @@ def draw_episodes(rows, tick, settings, source, streams, episodes, robots, reque
 
 @njit(cache=True, nogil=True)
 def assign_parts(rows, movers, shapes, local, part_count, parts, columns):
-    """The columns of the parts of each row's movers.
+    """Fill in the columns of the parts of each row's movers.
 
     Args:
-        rows: Which, (k,).
+        rows: Indices of the rows, (k,).
         movers: A ``MoverRows``.
-        shapes: Of the parts of each kind of mover, (b, MAX_PARTS, LEVEL_COLUMNS).
-        local: Where they are in their mover's frame, (b, MAX_PARTS, 5).
-        part_count: Of each kind, (b,).
+        shapes: Shapes of the parts of each kind of mover, (b, MAX_PARTS, LEVEL_COLUMNS).
+        local: Poses of the parts in their mover's frame, (b, MAX_PARTS, 5).
+        part_count: Number of parts of each kind, (b,).
         parts: Output, a ``PartRows``.
         columns: Output, shapes of the rows' parts, (n, p, LEVEL_COLUMNS).
     """
@@ -251,12 +251,12 @@ def drive(rows, tick, wanted, wheels, streams, ticks, robots, driven):
     """Carry a command out for some ticks.
 
     Args:
-        rows: Which, (k,).
-        tick: [s]
+        rows: Indices of the rows, (k,).
+        tick: Duration of a tick [s].
         wanted: Commands within the body's limits, (n, 3).
         wheels: A ``Wheels``.
-        streams: Of the rows; state.
-        ticks: Since the episode's start, (n,); state.
+        streams: ``Streams`` of the rows; state.
+        ticks: Ticks since the episode's start, (n,); state.
         robots: A ``Robots``; state.
         driven: Output, a ``Driven``.
     """
@@ -306,13 +306,13 @@ def drive(rows, tick, wanted, wheels, streams, ticks, robots, driven):
 
 @njit(cache=True, nogil=True)
 def judge(rows, poses, hit, tolerance, episodes, ends):
-    """Which episodes ended and how.
+    """Judge which episodes ended and how.
 
     Args:
-        rows: Which, (k,).
-        poses: After each tick of the decision, (n, ticks, 3).
+        rows: Indices of the rows, (k,).
+        poses: Poses after each tick of the decision, (n, ticks, 3).
         hit: First tick at which the footprint overlapped something, -1 if there is none, (n,).
-        tolerance: Of the goal [m].
+        tolerance: Distance from the goal within which it is reached [m].
         episodes: An ``Episodes``; the distances are changed.
         ends: Output, an ``Ends``.
     """
@@ -338,17 +338,17 @@ def judge(rows, poses, hit, tolerance, episodes, ends):
 
 @njit(cache=True, nogil=True)
 def sense(rows, period, flaws, streams, robots, task, true_twist, outline, sensed):
-    """What the stack is given of the truth.
+    """Compute the measurements that the stack is given from the truth.
 
     Args:
-        rows: Which, (k,).
-        period: Of decisions [s].
+        rows: Indices of the rows, (k,).
+        period: Time between decisions [s].
         flaws: A ``SensorFlaws``.
-        streams: Of the rows; state.
+        streams: ``Streams`` of the rows; state.
         robots: A ``Robots``; the errors of the pose are changed.
-        task: (n, 5).
-        true_twist: (n, 3).
-        outline: Of the footprint along each beam, (n, num_beams) [m].
+        task: Tasks, (n, 5).
+        true_twist: True twists, (n, 3).
+        outline: Radius of the footprint along each beam, (n, num_beams) [m].
         sensed: A ``Sensed``; written.
     """
     ranges, clearance, nearest, goals_in_base, twist_measured = sensed

@@ -1,4 +1,4 @@
-"""The rewards of the paper's Table I (``vuca_nav.task``): seven terms, one column of weights for each trained policy.
+"""The rewards of Zhang et al., Table I: seven terms (``vuca_nav.task``), one column of weights for each trained policy.
 
 Two signs are not as printed: R_g there pays for moving away from the goal, and R_a for turning to the left only.
 The column ``careful`` is ours, for what goes beyond the paper.
@@ -26,7 +26,7 @@ __all__ = ["REWARDS", "TERMS", "Outcome", "RewardWeights", "find_rewards", "rewa
 
 
 def find_rewards(name: str) -> RewardWeights:
-    """A column by its name.
+    """Find a column by its name.
 
     Raises:
         UnknownName: If there is no such column.
@@ -37,11 +37,11 @@ def find_rewards(name: str) -> RewardWeights:
 
 
 class Outcome(Protocol):
-    """What must be known of a step, as an ``ArenaStep`` tells it; each (n,)."""
+    """Quantities of a step that the rewards are computed from, as an ``ArenaStep`` has them; each (n,)."""
 
     @property
     def progress(self) -> NDArray[np.floating]:
-        """How much nearer the goal came [m]."""
+        """Distance gained towards the goal [m]."""
         ...
 
     @property
@@ -51,7 +51,7 @@ class Outcome(Protocol):
 
     @property
     def turn_rate(self) -> NDArray[np.floating]:
-        """|w_z| [rad/s]."""
+        """Absolute turn rate |w_z| [rad/s]."""
         ...
 
     @property
@@ -65,10 +65,10 @@ class Outcome(Protocol):
 
 
 def reward_terms(step: Outcome, weights: RewardWeights, out: NDArray[np.float32]) -> None:
-    """The seven terms of every row of a batch.
+    """Compute the seven terms of every row of a batch.
 
     Args:
-        step: What happened.
+        step: Outcome of the step.
         weights: A column of ``REWARDS``.
         out: (7, n), in the order of ``TERMS``; their sum over the first axis is the reward.
     """

@@ -1,4 +1,4 @@
-"""What each robot of the arena carries from decision to decision."""
+"""The state that each robot of the arena carries from decision to decision."""
 
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ from worlds.motion.mover_columns import GOAL_X, GOAL_Y, START_X, START_Y, STATE_
 from worlds.motion.walk import MoverRequest, MoverRows, PartRows
 
 RING = 16
-"""Commands that are remembered [ticks]: more than the longest delay."""
+"""Number of past commands that are remembered [ticks]: more than the longest delay."""
 SCALE_ODOMETRY, TURN_ODOMETRY = 0, 1
 """Columns of odometry's errors."""
 SHORTEST = 4
@@ -23,16 +23,16 @@ __all__ = ["GOAL_X", "GOAL_Y", "START_X", "START_Y"]
 
 
 class Streams(NamedTuple):
-    """Random numbers of n rows."""
+    """Random number streams of n rows."""
 
     seeds: np.ndarray
-    """(n,) uint64"""
+    """Seed of each stream, (n,) uint64."""
     drawn: np.ndarray
-    """Numbers drawn from each, (n,) uint64."""
+    """Number of numbers drawn from each stream, (n,) uint64."""
 
 
 class Episodes(NamedTuple):
-    """What n rows are to do."""
+    """Tasks of n rows."""
 
     kind: np.ndarray
     layout: np.ndarray
@@ -43,7 +43,7 @@ class Episodes(NamedTuple):
 
 
 class Robots(NamedTuple):
-    """Bodies of n rows, and where they are."""
+    """Bodies of n rows, and their motion."""
 
     body: np.ndarray
     pose: np.ndarray
@@ -59,43 +59,43 @@ class Rows(NamedTuple):
     """State of n robots and their worlds; SI units."""
 
     kind: np.ndarray
-    """Of world, index into KINDS, (n,)."""
+    """Kind of world, index into KINDS, (n,)."""
     body: np.ndarray
-    """Which of the bodies, (n,)."""
+    """Index of the body, (n,)."""
     layout: np.ndarray
-    """(n,)"""
+    """Index of the layout, (n,)."""
     task: np.ndarray
-    """(n, 5)"""
+    """Start x, y, goal x, y and length of the shortest path, (n, 5) [m]."""
     pose: np.ndarray
-    """x, y, yaw in the world, (n, 3)."""
+    """x, y, yaw in the world, (n, 3) [m, rad]."""
     velocity: np.ndarray
-    """In base_link without the response's noise, (n, 3)."""
+    """Velocity in base_link without the response's noise, (n, 3)."""
     response: np.ndarray
-    """(n, 3, 5)"""
+    """Columns GAIN to ACCELERATION of each axis, (n, 3, 5)."""
     latency: np.ndarray
-    """[ticks], (n,)"""
+    """Delay of a command, (n,) [ticks]."""
     commands: np.ndarray
     """Ring of past commands, (n, RING, 3)."""
     ticks: np.ndarray
-    """Since the episode's start, (n,)."""
+    """Ticks since the episode's start, (n,)."""
     time_limit: np.ndarray
-    """[ticks], (n,)"""
+    """Time limit of the episode, (n,) [ticks]."""
     distance: np.ndarray
-    """To the goal, (n,)."""
+    """Distance to the goal, (n,) [m]."""
     pose_error: np.ndarray
-    """Of the pose that the goal is given by, in the world, (n, 3)."""
+    """Error of the pose that the goal is given by, in the world, (n, 3)."""
     odometry: np.ndarray
-    """Relative errors of this episode, (n, 2)."""
+    """Relative errors of this episode's odometry, (n, 2)."""
     wanted: np.ndarray
-    """Movers, (n,)."""
+    """Number of movers asked for, (n,)."""
     speeds: np.ndarray
-    """Of the movers, (n, 2)."""
+    """Slowest and fastest speed of the movers, (n, 2) [m/s]."""
     keep_off: np.ndarray
-    """(n,)"""
+    """Distance between a mover and the robot at its start, (n,) [m]."""
     world_seed: np.ndarray
-    """Of the movers, (n,) uint64."""
+    """Seed of the movers, (n,) uint64."""
     counts: np.ndarray
-    """Movers, (n,)."""
+    """Number of movers, (n,)."""
     kinds: np.ndarray
     """(n, m)"""
     constants: np.ndarray
@@ -103,7 +103,7 @@ class Rows(NamedTuple):
     movers: np.ndarray
     """(n, m, STATE_SIZE)"""
     headings: np.ndarray
-    """cos, sin, (n, m, 2)"""
+    """cos, sin of the movers' headings, (n, m, 2)."""
     seeds: np.ndarray
     """(n, m)"""
     counters: np.ndarray
@@ -113,7 +113,7 @@ class Rows(NamedTuple):
     waypoints: np.ndarray
     """(n, 2 m, 2)"""
     num_parts: np.ndarray
-    """(n,)"""
+    """Number of the movers' parts, (n,)."""
     parts: np.ndarray
     """(n, p, LEVEL_COLUMNS)"""
     part_local: np.ndarray
@@ -121,13 +121,13 @@ class Rows(NamedTuple):
     part_mover: np.ndarray
     """(n, p)"""
     stream: np.ndarray
-    """Seed of the row, (n,) uint64."""
+    """Seed of the row's random numbers, (n,) uint64."""
     drawn: np.ndarray
-    """Numbers drawn from it, (n,) uint64."""
+    """Number of numbers drawn from them, (n,) uint64."""
 
     @classmethod
     def zeros(cls, n: int, movers: int) -> "Rows":
-        """Robots that will all be reset."""
+        """Make rows that will all be reset."""
         m = max(movers, 1)
         p = m * MAX_PARTS
 
@@ -151,7 +151,7 @@ class Rows(NamedTuple):
         )  # fmt: skip
 
     def streams(self) -> Streams:
-        """The random numbers; these and the following are views, as kernels take them."""
+        """The random number streams; these and the following are views, as kernels take them."""
         return Streams(self.stream, self.drawn)
 
     def episodes(self) -> Episodes:
@@ -166,7 +166,7 @@ class Rows(NamedTuple):
         )  # fmt: skip
 
     def mover_request(self) -> MoverRequest:
-        """What is asked for of movers."""
+        """The request for movers."""
         return MoverRequest(self.wanted, self.task, self.keep_off, self.speeds, self.world_seed)
 
     def mover_rows(self) -> MoverRows:

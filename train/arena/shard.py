@@ -1,4 +1,4 @@
-"""A share of the arena's rows, stepped by one thread: the order in which everything happens in a decision."""
+"""A share of the arena's rows, stepped by one thread: the order of all that happens in a decision."""
 
 import math
 from typing import NamedTuple
@@ -33,17 +33,17 @@ from worlds.motion.movers import TICK, TICK_RATE, TURN_RATE
 from worlds.motion.walk import Population, WideWays, place_batch, walk_batch
 
 MOVER_DISTANCE = 1.5
-"""Free room between a mover and the robot's footprint at its start [m]."""
+"""Distance between a mover and the robot's footprint at its start [m]."""
 STANDING = (3.0, 1.5)
-"""Mean times that a mover which stops and goes does the one and the other, the other way round [s]."""
+"""Mean times of the two phases of a mover that stops and goes, in either order [s]."""
 NOISE_TABLE = 1 << 16
-"""Range noise is read from a table of so many beams, from a place drawn for each scan."""
+"""Number of beams in the table of range noise, which each scan reads from a place drawn for it."""
 _TURN = np.array([math.cos(TURN_RATE * TICK), math.sin(TURN_RATE * TICK)])
 MOVING_KINDS = np.array([kind != "static" for kind in KINDS])
 
 
 class Outputs(NamedTuple):
-    """What a decision led to, n rows."""
+    """Results of a decision, n rows."""
 
     observation: np.ndarray
     progress: np.ndarray
@@ -56,29 +56,29 @@ class Outputs(NamedTuple):
     ended: np.ndarray
     """Tick of this decision after which the episode ended."""
     way: np.ndarray
-    """[m]"""
+    """Length of the path driven [m]."""
     nearest: np.ndarray
     """Least reported range before this decision [m]."""
 
 
 class Shard:
-    """Some rows of an arena. Nothing of a row depends on the other rows.
+    """Some rows of an arena; no row depends on another.
 
     Args:
-        config: Of the arena.
+        config: Settings of the arena.
         observer_config: What is observed.
-        bank: Layouts, shared by all.
-        bodies: Shared by all.
+        bank: The layouts, shared by all shards.
+        bodies: The bodies, shared by all shards.
         atlas: An observer with a row for each of the bodies.
         n: Number of rows.
-        outputs: Where this shard's rows of the outputs are, views.
+        outputs: Views of this shard's rows of the outputs.
         once: Whether a row that has ended stays ended.
 
     Attributes:
-        ranges: (n, beams) of the last scans, as the robots have them [m].
-        motion: (n, 3) displacement in the last decision by odometry, in the base frame of before [m, m, rad].
-        goals: (n, 2) in base_link, as SLAM has them [m].
-        measured: (n, 3) velocity [m/s, m/s, rad/s].
+        ranges: (n, beams) ranges of the last scans, as the robots have them [m].
+        motion: (n, 3) displacement in the last decision by odometry, in the decision's first base frame [m, m, rad].
+        goals: (n, 2) goals in base_link, as SLAM has them [m].
+        measured: (n, 3) measured velocity [m/s, m/s, rad/s].
     """
 
     def __init__(
@@ -155,21 +155,21 @@ class Shard:
         self._sensed = Sensed(self.ranges, out.clearance, out.nearest, self.goals, self.measured)
 
     def reset(self) -> None:
-        """New episodes in all rows, and their first observation."""
+        """Begin new episodes in all rows, and observe."""
         self.active[:] = True
         self._begin(self._all)
         self._look(self._all)
         self._observe(None)
 
     def restart(self, rows: np.ndarray) -> None:
-        """New episodes in these rows, and their first observation; for the others no time passes."""
+        """Begin new episodes in these rows, and observe; for the others no time passes."""
         self.active[rows] = True
         self._begin(rows)
         self._look(rows)
         self._observe(rows)
 
     def step(self, action: NDArray[np.float32]) -> None:
-        """One decision of all rows; what ended begins anew, or stays ended.
+        """Carry out one decision of all rows; ended episodes begin anew, or stay ended.
 
         Args:
             action: (n, 3) in [-1, 1].
@@ -209,11 +209,11 @@ class Shard:
         drive(rows, TICK, wanted, self._wheels, self._streams, self.rows.ticks, self._robots, self._driven)
 
     def move(self, rows: np.ndarray, ticks: int) -> None:
-        """The movers' ticks of a decision, or with 0 their first choice. They do not see the robots."""
+        """Advance the movers by a decision's ticks, or with 0 make their first choice. They do not see the robots."""
         walk_batch(rows, TICK, ticks, _TURN, self.rows.layout, self._ways, self._movers, self._parts)
 
     def _begin(self, rows: np.ndarray) -> None:
-        """New episodes."""
+        """Draw new episodes."""
         state, bank, bodies = self.rows, self.bank, self.bodies
         draw_episodes(
             rows, TICK, self._settings, self._source, self._streams, self._episodes, self._robots, self._request
@@ -229,7 +229,7 @@ class Shard:
         self._twist[rows], self.motion[rows] = 0.0, 0.0
 
     def _look(self, rows: np.ndarray) -> None:
-        """Scans of these rows, the truth about them, and what the stack is given."""
+        """Scan in these rows, and compute the truth about them and the measurements."""
         state = self.rows
         cast_level(
             rows, state.pose, self._lidar_heights, state.layout, self._standing, self._current_parts, self._beams,

@@ -13,13 +13,14 @@ from train.arena.rewards import TERMS, find_rewards, reward_terms
 
 
 class ArenaEnv(EnvBase):
-    """n robots; ``next`` holds an episode's own last observation, and a reset of its row gives the next one's first.
+    """The arena as n environments; ``next`` holds an ended episode's own last observation.
 
-    Beside the reward there are the terms that it is the sum of, (n, 7), and whether the goal was reached, (n, 1).
+    A reset of a row gives the first observation of its next episode. Beside the reward there are the terms that it is
+    the sum of, (n, 7), and whether the goal was reached, (n, 1).
 
     Args:
-        arena: Whose rows.
-        rewards: Column of the paper's Table I.
+        arena: The arena whose rows are the environments.
+        rewards: Column of Table I of Zhang et al.
 
     Raises:
         UnknownName: If there is no such column.
@@ -52,7 +53,7 @@ class ArenaEnv(EnvBase):
             observation = self._arena.reset()
         else:
             rows = mask.reshape(n).numpy()
-            # What ended has begun anew already; only who is called back on the way has to.
+            # Ended episodes have begun anew already; only those that are reset on the way have to.
             observation = self._arena.restart(rows & ~self._ended)
         self._ended[:] = False
         none = torch.zeros((n, 1), dtype=torch.bool)
