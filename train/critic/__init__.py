@@ -1,1 +1,1 @@
-"""Training of the critic of V^h, which rates frontiers by the chance of reaching them unhindered."""
+"""Training of the critic of V^h, which rates frontiers by the chance of reaching them without meeting a mover."""

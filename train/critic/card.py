@@ -18,13 +18,13 @@ def write_card(
     """Write the Markdown page of a finished critic of V^h.
 
     Args:
-        path: ``.md``.
-        config: What was learnt, and how.
-        command: What was typed.
-        seed: Of everything.
-        commits: At which it ran, one after another.
-        seconds: The training took.
-        log: Its rows.
+        path: Markdown file to be written.
+        config: Settings of the training.
+        command: The command line.
+        seed: Seed of the training.
+        commits: Commits that the run was at, one after another.
+        seconds: Time that the training took.
+        log: Rows of the log.
     """
     tail = log[-10:]
     loss, baseline = (sum(row[key] for row in tail) / len(tail) for key in ("loss", "baseline"))

@@ -6,7 +6,7 @@ import numpy as np
 
 
 def draw_curves(rows: list[dict], picture: Path) -> None:
-    """The loss over the rounds, and the last ten rounds' chances against what came; PNG."""
+    """Draw the loss over the rounds, and the chances of the last ten rounds against the outcomes; PNG."""
     import matplotlib
 
     matplotlib.use("Agg")

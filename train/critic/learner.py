@@ -14,14 +14,14 @@ from vuca_nav.policy.observation import ObservationConfig
 
 
 class CriticLearner:
-    """The critic, its optimiser, and the episodes that it learns from; rounds do not depend on each other's episodes.
+    """The critic, its optimiser and its episodes; no round depends on another's episodes.
 
     Args:
-        config: What is learnt, and how.
-        seed: Of weights, episodes and minibatches.
+        config: Settings of the training.
+        seed: Seed of weights, episodes and minibatches.
         actor: The policy that drives.
-        observation: What it looks at, and so the critic.
-        arena: Each of whose rows runs one episode a round.
+        observation: The observation that the policy, and so the critic, reads.
+        arena: An arena each of whose rows runs one episode a round.
     """
 
     def __init__(
@@ -35,10 +35,10 @@ class CriticLearner:
         self.iteration = 0
 
     def restart(self) -> None:
-        """Nothing: every round has episodes of its own."""
+        """Do nothing: every round has episodes of its own."""
 
     def iterate(self, progress: float) -> Report:
-        """One round: play, judge what the critic foresaw, learn.
+        """Make one round: play, judge the critic's predictions, learn.
 
         Args:
             progress: Share of the training done, 0-1.
@@ -51,11 +51,11 @@ class CriticLearner:
         return report
 
     def learn(self, samples: Samples, generator: torch.Generator) -> None:
-        """All passes over one round, half of each minibatch with left and right exchanged.
+        """Learn in all passes over one round, with left and right exchanged in half of each minibatch.
 
         Args:
-            samples: The round's.
-            generator: Of the minibatches.
+            samples: Samples of the round.
+            generator: Source of the minibatches.
         """
         config = self._config
         for group in self._optimiser.param_groups:
@@ -71,14 +71,14 @@ class CriticLearner:
                 self._optimiser.step()
 
     def state(self) -> dict:
-        """For a checkpoint."""
+        """State for a checkpoint."""
         return {
             "network": self.network.state_dict(), "optimiser": self._optimiser.state_dict(),
             "iteration": self.iteration,
         }  # fmt: skip
 
     def load(self, state: dict) -> None:
-        """Go on from a checkpoint."""
+        """Restore the state of a checkpoint."""
         self.network.load_state_dict(state["network"])
         self._optimiser.load_state_dict(state["optimiser"])
         self.iteration = int(state["iteration"])

@@ -1,4 +1,4 @@
-"""What the critic of V^h learns from and is judged by: whether a mover was met on the way, in the arena's episodes."""
+"""Samples that the critic of V^h learns from and is judged by: whether an episode's robot met a mover."""
 
 from typing import NamedTuple
 
@@ -14,28 +14,28 @@ from train.navigation.networks import FusedActor
 from worlds.motion.mover_columns import RADIUS, X, Y
 
 TOUCH = 0.3
-"""An episode that ends with a collision while a mover's circle is this near to the body's has met it [m]."""
+"""Distance of a mover's circle to the body's, at most, for an episode that ends with a collision to have met it [m]."""
 BINS = 10
-"""Of the chances, to compare them with what came."""
+"""Number of ranges of the chances, for comparison with the outcomes."""
 
 
 class Samples(NamedTuple):
-    """What one round has to teach."""
+    """Samples of one round."""
 
     observations: NDArray[np.float32]
-    """(n, size)"""
+    """Observations, (n, size)."""
     safety: NDArray[np.float32]
-    """(n,) 1, less what a meeting counts."""
+    """Safety, 1 less the weight of a meeting, (n,)."""
 
 
 def play(arena: Arena, actor: FusedActor, config: CriticConfig, seed: int) -> Samples:
-    """One round of episodes by the policy's mean actions.
+    """Play one round of episodes by the policy's mean actions.
 
     Args:
-        arena: Each of whose rows runs one episode.
+        arena: An arena each of whose rows runs one episode.
         actor: The policy.
-        config: What is kept of them.
-        seed: Of the episodes.
+        config: Settings, of which samples are kept.
+        seed: Seed of the episodes.
     """
     rng, n, period = np.random.default_rng((seed, 1)), arena.n, 1.0 / arena.config.decision_rate
     observation = arena.reset(seed)
@@ -49,7 +49,7 @@ def play(arena: Arena, actor: FusedActor, config: CriticConfig, seed: int) -> Sa
         while (active := arena.active).any():
             sent = active & (elsewhere == decision)
             _send_elsewhere(arena, sent, draws[:, 1:])
-            # What is seen on the way to a goal that will be given up says nothing of a way that is gone to its end.
+            # Observations on the way to a goal that will be given up say nothing about a path driven to its end.
             due = (decision >= elsewhere) & ((decision + phase) % config.spacing == 0)
             rows = np.flatnonzero(active & (sent | due))
             kept.append((decision, rows, observation[rows].copy()))
@@ -63,7 +63,7 @@ def play(arena: Arena, actor: FusedActor, config: CriticConfig, seed: int) -> Sa
 
 
 def _shards(arena: Arena) -> list[tuple[Shard, slice]]:
-    """Each with its rows."""
+    """Shards, each with its rows."""
     ends = np.cumsum([shard.n for shard in arena.shards])
     return [(shard, slice(int(end) - shard.n, int(end))) for shard, end in zip(arena.shards, ends)]
 
@@ -80,7 +80,7 @@ def _send_elsewhere(arena: Arena, sent: NDArray[np.bool_], draws: NDArray[np.flo
 
 
 def _meets(arena: Arena, active: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which of the rows that were active have just collided with something that moves, (n,)."""
+    """Whether each row that was active has just collided with a mover, (n,)."""
     result = active & arena.outputs.collided
     for shard, rows in _shards(arena):
         state = shard.rows
@@ -93,12 +93,12 @@ def _meets(arena: Arena, active: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def cross_entropy(logits: Tensor, safety: Tensor) -> Tensor:
-    """Of chances, given as logits (n, 1), and of what came (n,)."""
+    """Cross entropy of chances, given as logits (n, 1), and outcomes (n,)."""
     return nn.functional.binary_cross_entropy_with_logits(logits[:, 0], safety)
 
 
 def judge(network: nn.Module, samples: Samples) -> dict:
-    """How well a network foresees what it has not learnt from.
+    """Judge how well a network predicts samples that it has not learnt from.
 
     Returns:
         Cross entropy, that of a baseline that gives everything the average chance, and for each of ``BINS`` equal

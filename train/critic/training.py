@@ -1,6 +1,6 @@
-"""The training of the critic of V^h: how likely it is to reach a place without meeting anything that moves.
+"""Training of the critic of V^h: the chance of reaching a place without meeting a mover.
 
-A trained policy drives through the arena, now and then sent elsewhere on its way, so that all there is to see is seen
+A trained policy drives through the arena, now and then sent elsewhere on its way, so that observations come
 with goals in all directions; for every observation the critic learns whether a mover was met before the goal was
 reached. It is asked the same of frontiers (``vuca_nav.exploration.critic``).
 """
@@ -32,19 +32,19 @@ NAME = "critic"
 
 
 class CriticTraining(TrainingLoop[CriticLearner]):
-    """A training that can be interrupted and gone on with, a round of episodes an iteration.
+    """A training that can be interrupted and resumed, a round of episodes an iteration.
 
     Args:
-        config: What is learnt, and how.
-        seed: Of weights, episodes and minibatches.
+        config: Settings of the training.
+        seed: Seed of weights, episodes and minibatches.
         policy: Weights file of the policy that drives.
         out: Directory of checkpoint, log, curves and weights.
-        threads: That step the arena; the weights do not depend on them.
-        command: What was typed, for the page.
-        resume: Go on with what is in ``out``, if anything is.
+        threads: Number of threads that step the arena; the weights do not depend on it.
+        command: The command line, for the page.
+        resume: Go on with the run in ``out``, if there is one.
 
     Raises:
-        BadArgument: If ``out`` holds a run and it shall not be resumed, or one of another configuration.
+        BadArgument: If ``out`` holds a run and ``resume`` is not set, or a run of another configuration.
         BadWeights: If the policy is missing or broken.
     """
 
@@ -63,16 +63,16 @@ class CriticTraining(TrainingLoop[CriticLearner]):
 
     @property
     def weights(self) -> Path:
-        """What the run ends with."""
+        """File of the weights that the run ends with."""
         return self.directory.path / f"{NAME}.safetensors"
 
     @property
     def steps(self) -> int:
-        """Rounds."""
+        """Number of rounds."""
         return self.config.rounds
 
     def start(self) -> None:
-        """Train in this process; the arena has threads."""
+        """Train in this process, with the arena's threads."""
         torch.set_num_threads(1)
         config, observation = self.config, self.policy.observation
         arena = Arena(config.arena, observation, config.episodes, 0, self._threads, once=True)
@@ -99,5 +99,5 @@ class CriticTraining(TrainingLoop[CriticLearner]):
         write_card(page, self.config, self.command, self.seed, commits, elapsed, rows)
 
     def shown(self, report: Report) -> dict[str, str]:
-        """Cross entropies."""
+        """Cross entropies for the progress bar."""
         return {key: f"{report[key]:.4f}" for key in ("loss", "baseline")}
