@@ -1,4 +1,4 @@
-"""What a batch of robots carries from step to step, and how noisy their sensors are."""
+"""State that a batch of robots carries from step to step, and the noise of their sensors."""
 
 import math
 from typing import NamedTuple
@@ -10,16 +10,16 @@ from robots.locomotion.kernels import ACTION_SIZE, joint_targets
 from robots.noise import NoiseConfig
 
 NUM_ERRORS = 20
-"""Of the sensors over an episode."""
+"""Number of the sensors' errors over an episode."""
 
 
 class SensorNoise(NamedTuple):
-    """Standard deviations, as ``robots.noise.NoiseConfig`` names and explains them."""
+    """Standard deviations of the sensors' errors, as ``robots.noise.NoiseConfig`` names and explains them."""
 
     gyro_scale: float
     gyro_bias: float
     gyro: float
-    """Of a sample [rad/s]."""
+    """Noise of a sample [rad/s]."""
     tilt: float
     tilt_noise: float
     joint_zero: float
@@ -28,7 +28,7 @@ class SensorNoise(NamedTuple):
 
     @classmethod
     def of(cls, noise: NoiseConfig, dt: float, factor: float) -> "SensorNoise":
-        """The simulation's noise, sampled every ``dt`` [s], times a factor."""
+        """Make the simulation's noise, sampled every ``dt`` [s], times a factor."""
         sigmas = (
             noise.gyro_scale_sigma, noise.gyro_bias_sigma, noise.gyro_noise_density / math.sqrt(2.0 * dt),
             noise.tilt_sigma, noise.tilt_noise, noise.joint_zero_sigma, noise.joint_angle_noise,
@@ -38,42 +38,43 @@ class SensorNoise(NamedTuple):
 
 
 class Batch(NamedTuple):
-    """What each robot carries from step to step, (n, ...)."""
+    """State that each robot carries from step to step, (n, ...)."""
 
     state: np.ndarray
-    """MuJoCo's: time, position 19, velocity 18."""
+    """MuJoCo's state: time, position 19, velocity 18."""
     action: np.ndarray
     last_action: np.ndarray
     older_action: np.ndarray
     targets: np.ndarray
-    """Of the joints [rad]."""
+    """Targets of the joints [rad]."""
     last_targets: np.ndarray
     wanted: np.ndarray
     """Command as drawn (n, 3)."""
     command: np.ndarray
-    """After the slew limit (n, 3)."""
+    """Command after the slew limit (n, 3)."""
     clock: np.ndarray
     velocity: np.ndarray
-    """As the robot estimates it (n, 2) [m/s]."""
+    """Velocity as the robot estimates it (n, 2) [m/s]."""
     slow_error: np.ndarray
     """Low-passed tracking error (n, 3)."""
     up_world: np.ndarray
-    """Against gravity, in the world (n, 3)."""
+    """Direction against gravity, in the world (n, 3)."""
     delay: np.ndarray
     """Physics steps until new targets reach the servos."""
     age: np.ndarray
-    """Control steps."""
+    """Control steps since the start of the episode."""
     until_command: np.ndarray
-    """Control steps."""
+    """Control steps until the next command."""
     must_reset: np.ndarray
     height: np.ndarray
-    """Of base_link over the standing feet (n,) [m]."""
+    """Height of base_link over the standing feet (n,) [m]."""
     sensor_errors: np.ndarray
-    """Of the episode (n, 20): gyro's scale 3, its bias 3 [rad/s], pitch and roll [rad], joints' zeros 12 [rad]."""
+    """Errors of the episode (n, 20): gyro's scale 3, its bias 3 [rad/s], pitch and roll [rad], joints' zeros 12
+    [rad]."""
 
     @classmethod
     def zeros(cls, n: int, state_size: int) -> "Batch":
-        """Robots that will all be reset."""
+        """Make robots that will all be reset."""
         widths = (state_size, *(ACTION_SIZE,) * 5, 3, 3, 2, 2, 3, 3)
         ints = [np.zeros(n, np.int64) for _ in range(3)]
         arrays = [np.zeros((n, width)) for width in widths]

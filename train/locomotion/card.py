@@ -18,12 +18,12 @@ def write_card(
     """Write the Markdown page of a finished run.
 
     Args:
-        path: ``.md``.
-        robot: Name of the body that learnt.
-        config: How.
-        commits: At which it ran, one after another.
-        seconds: The training took.
-        log: Its rows.
+        path: Markdown file to be written.
+        robot: Name of the robot that learnt.
+        config: Settings of the training.
+        commits: Commits that the run was at, one after another.
+        seconds: Time that the training took.
+        log: Rows of the log.
     """
     tail = log[-max(len(log) // 50, 1) :]
     reward, falls = (sum(row[key] for row in tail) / len(tail) for key in ("reward/total", "falls_per_minute"))

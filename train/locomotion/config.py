@@ -10,7 +10,7 @@ GAIT_PPO = PpoConfig(
     horizon=24, minibatch=3072, epochs=4, normalise="minibatch", divergence=(0.03, 0.008), entropy=0.001,
     averaging=0.98,
 )  # fmt: skip
-"""Four minibatches of 512 robots. What the actor learns at is adapted to the divergence."""
+"""Settings of PPO for gaits: four minibatches of 512 robots; the actor's learning rate is adapted to the divergence."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,17 +18,17 @@ class Stage:
     """A part of the training, from a share of its steps on."""
 
     start: float
-    """Share of the training's steps, 0-1."""
+    """Share of the training's steps at which the stage begins, 0-1."""
     physics: int
-    """[Hz]"""
+    """Rate of the physics [Hz]."""
     num_sills: int
     roughness: float
-    """Reached at the stage's end, from the last stage's: 1 is sills of 4.5 cm and slopes of 12%."""
+    """Roughness reached at the stage's end, from the last stage's: 1 is sills of 4.5 cm and slopes of 12%."""
 
 
 STAGES = (Stage(0.0, 120, 0, 0.0), Stage(0.25, 120, 6, 1.0))
-"""Flat floor first, then sills and slopes. The simulation's 300 Hz cost more than twice as much a step, and a gait
-trained at 120 Hz tracks as well there."""
+"""Stages of the training: flat floor first, then sills and slopes. The simulation's 300 Hz cost more than twice as much
+a step, and a gait trained at 120 Hz tracks as well there."""
 
 
 STEPS = 8_000_000
@@ -38,7 +38,7 @@ falls far more often (docs/findings.md)."""
 
 @dataclass(frozen=True, slots=True)
 class TrainingConfig:
-    """Everything the weights depend on. Not the number of threads: they share the robots out, and learning has one."""
+    """All that the weights depend on. The number of threads is not part of it: they only share the robots out."""
 
     seed: int = 0
     steps: int = STEPS
@@ -52,18 +52,18 @@ class TrainingConfig:
     hidden: int = 128
     """Units of both hidden layers of actor and critic."""
     initial_std: float = 0.5
-    """Of every action at first."""
+    """Standard deviation of every action at first."""
     normaliser_until: float = 0.8
     """Share of the training after which the normalisers are frozen: commands, sills and slopes are all there by then,
-    and the rest is left to the policy to settle on what it sees."""
+    and the policy settles on fixed inputs in the rest."""
     stages: tuple[Stage, ...] = STAGES
 
     @property
     def steps_per_iteration(self) -> int:
-        """Control steps."""
+        """Control steps of one iteration."""
         return self.environment.num_robots * self.ppo.horizon
 
     @property
     def iterations(self) -> int:
-        """Batches to be learnt from."""
+        """Number of batches to learn from."""
         return math.ceil(self.steps / self.steps_per_iteration)

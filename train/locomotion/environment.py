@@ -36,47 +36,48 @@ from train.locomotion.rewards import REWARDS, RewardWeights
 
 @dataclass(frozen=True, slots=True)
 class EnvironmentConfig:
-    """Of the batch."""
+    """Settings of the batch."""
 
     num_robots: int = 512
     physics: int = 120
-    """[Hz]"""
+    """Rate of the physics [Hz]."""
     control: int = 60
-    """[Hz]"""
+    """Rate of the gait [Hz]."""
     episode: float = 20.0
-    """[s]"""
+    """Longest episode [s]."""
     command_range: tuple[float, float, float, float, float, float] = (-0.7, 1.35, -0.5, 0.5, -1.4, 1.4)
-    """Lowest and highest v_x, v_y [m/s] and w_z [rad/s]: beyond what is commanded by what the trim may add."""
+    """Lowest and highest v_x, v_y [m/s] and w_z [rad/s]: the range of commands, widened by the greatest trim."""
     push_speed: float = 1.2
     """Largest sudden change of velocity [m/s]."""
     push_interval: float = 3.0
     """Mean time between pushes [s]."""
     num_sills: int = 0
-    """Bars on each robot's floor."""
+    """Number of bars on each robot's floor."""
     randomisation: Randomisation = field(default_factory=lambda: Randomisation(friction=(0.3, 1.25)))
-    """Floors more slippery than those of the evaluation: on its worst ones most falls happened."""
+    """Ranges of robots and floors. The floors are more slippery than those of the evaluation: on its worst ones most
+    falls happened."""
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     noise_factor: float = 1.5
-    """So many times that noise is trained with: no robot's is known better."""
+    """Factor on the simulation's noise in training: no robot's noise is known better."""
 
 
 class Transition(NamedTuple):
-    """What comes of one control step; arrays are borrowed until the next one."""
+    """Results of one control step; arrays are borrowed until the next one."""
 
     observation: NDArray[np.float32]
-    """(n, OBSERVATION_SIZE) with the sensors' noise; after a reset, of the new episode."""
+    """Observations with the sensors' noise, (n, OBSERVATION_SIZE); after a reset, of the new episode."""
     privileged: NDArray[np.float32]
-    """(n, CRITIC_SIZE) without noise, and with what no robot knows."""
+    """Inputs of the critic without noise, with quantities that no robot measures, (n, CRITIC_SIZE)."""
     reward: NDArray[np.float32]
-    """(n,)"""
+    """Rewards, (n,)."""
     terminated: NDArray[np.bool_]
-    """(n,) fell."""
+    """Whether each robot fell, (n,)."""
     truncated: NDArray[np.bool_]
-    """(n,) its time was up."""
+    """Whether each episode's time was up, (n,)."""
 
 
 class LocomotionEnvironment:
-    """A batch of one kind of robot."""
+    """A batch of robots of one kind."""
 
     def __init__(self, robot: QuadrupedConfig, config: EnvironmentConfig, rng: np.random.Generator, threads: int = 1):
         self.config, self._rng = config, rng
@@ -102,9 +103,9 @@ class LocomotionEnvironment:
         self._body_seeds, self._body_roughness = np.zeros(n, np.int64), np.zeros(n)
         self._due = np.zeros(n, np.bool_)
         self.difficulty = 0.0
-        """0-1: how far the command range has been opened."""
+        """Share of the command range that has been opened, 0-1."""
         self.roughness = 0.0
-        """0-1: how high sills and how steep ramps are."""
+        """Height of sills and steepness of ramps, 0-1."""
         self._observation = np.zeros((n, OBSERVATION_SIZE), np.float32)
         self._privileged = np.zeros((n, CRITIC_SIZE), np.float32)
         self._reward = np.zeros(n, np.float32)
@@ -131,14 +132,14 @@ class LocomotionEnvironment:
         self._make_bodies(chosen)
 
     def _make_bodies(self, chosen: NDArray[np.intp]) -> None:
-        """From their seeds, so that a checkpoint need not hold the models."""
+        """Make the bodies from their seeds, so that a checkpoint need not hold the models."""
         for i in chosen.tolist():
             rng, roughness = np.random.default_rng(int(self._body_seeds[i])), float(self._body_roughness[i])
             randomise(self._models[i], self._base, self._datas[0], self.config.randomisation, rng, roughness)
             self.batch.up_world[i] = -self._models[i].opt.gravity / GRAVITY
 
     def step(self, action: NDArray[np.float32]) -> Transition:
-        """One control step of all robots. action: (n, ACTION_SIZE)."""
+        """Make one control step of all robots. action: (n, ACTION_SIZE)."""
         batch, config = self.batch, self.config
         np.copyto(batch.action, action)
         self._rng.random(out=self._uniform)
@@ -152,7 +153,7 @@ class LocomotionEnvironment:
             self.model.legs, self.tuning, batch, self._physics, self._weights,
             round(config.episode * config.control), self._verdict,
         )  # fmt: skip
-        if self._due.any():  # their episodes are over now, their next ones not yet begun
+        if self._due.any():  # their episodes are over, their next ones have not begun
             self._draw_bodies(np.flatnonzero(self._due))
             self._due[:] = False
         low = np.array(config.command_range[0::2]) * self.difficulty
@@ -165,15 +166,15 @@ class LocomotionEnvironment:
         return Transition(self._observation, self._privileged, self._reward, self._terminated, self._truncated)
 
     def state(self) -> dict[str, NDArray]:
-        """All that changes from step to step but the generator of random numbers; borrowed."""
+        """All state that changes from step to step but the generator of random numbers; borrowed."""
         own = {"body_seeds": self._body_seeds, "body_roughness": self._body_roughness, "due": self._due}
         return own | self.batch._asdict()
 
     def load(self, state: dict[str, NDArray]) -> None:
-        """Go on from such a state of an environment of the same robot and config.
+        """Restore such a state of an environment of the same robot and config.
 
         Raises:
-            KeyError: If something is missing.
+            KeyError: If a part is missing.
             ValueError: If it is of another number of robots.
         """
         for key, array in self.state().items():

@@ -1,6 +1,6 @@
-"""How well a gait tracks its commands, and how often it falls.
+"""Evaluation of a gait: errors of tracking its commands, and falls.
 
-On the full contact model, through the robot's own sensors with their noise, at the simulation's rates.
+It runs on the full contact model, through the robot's own sensors with their noise, at the simulation's rates.
 
 Run as ``python -m train.locomotion.evaluate --robot go2 --out FILE.json``.
 """
@@ -33,12 +33,12 @@ from vuca_nav.files import prepare_file, write_whole
 from vuca_nav.types import STOP, FloatArray, Pose2, VelocityCommand
 
 CONTROL, PHYSICS = 60, 300
-"""As in robots.simulation [Hz]."""
+"""Rates of control and physics, as in robots.simulation [Hz]."""
 SILL, SLOPE = 0.04, 0.10
-"""Highest bars [m] and steepest ramps of the rough floor."""
+"""Heights of the highest bars [m] and slope of the steepest ramps of the rough floor."""
 _NUM_SILLS = 40
 _REACH = 2.0
-"""A robot farther from the middle of the bars is put back, alongside them [m]."""
+"""Distance from the middle of the bars beyond which a robot is put back, alongside them [m]."""
 
 
 class Track:
@@ -46,9 +46,9 @@ class Track:
 
     Args:
         body: The robot.
-        seed: Of its sensors' errors and its variation.
-        vary: Friction, mass, motors, latency and so on as in training; else as built.
-        floor: By default flat.
+        seed: Seed of its sensors' errors and its variation.
+        vary: Vary friction, mass, motors, latency and so on as in training; else all are as built.
+        floor: The floor; by default flat.
     """
 
     def __init__(self, body: Quadruped, seed: int, *, vary: bool, floor: Floor | None = None):
@@ -68,7 +68,7 @@ class Track:
         self.restart()
 
     def restart(self) -> None:
-        """Lie down, stand up."""
+        """Put the robot down lying, and let it stand up."""
         mujoco.mj_resetData(self.model, self.data)
         self._bound.reset(Pose2(0.0, 0.0, self._rng.uniform(-math.pi, math.pi)), self._rng)
         height = self._qpos[2] + max(self._floor.tops, default=0.0)
@@ -80,7 +80,7 @@ class Track:
         self._bound.start_odometry()
 
     def step(self, command: VelocityCommand) -> tuple[float, float, float]:
-        """One control step; the true velocity in the heading frame, v_x, v_y [m/s], w_z [rad/s]."""
+        """Make one control step; returns the true velocity in the heading frame, v_x, v_y [m/s], w_z [rad/s]."""
         self._bound.apply(command)
         mujoco.mj_step(self.model, self.data, nstep=PHYSICS // CONTROL)
         self._bound.update_odometry()
@@ -94,18 +94,18 @@ class Track:
         return c * v_x + s * v_y, c * v_y - s * v_x, float(up[6:9] @ self._qvel[3:6])
 
     def push(self, speed: float) -> None:
-        """A sudden change of velocity in a random direction [m/s]."""
+        """Change the velocity suddenly in a random direction by ``speed`` [m/s]."""
         angle = self._rng.uniform(-math.pi, math.pi)
         self._qvel[0] += speed * math.cos(angle)
         self._qvel[1] += speed * math.sin(angle)
 
     @property
     def fallen(self) -> bool:
-        """Whether it leans by more than 50 degrees, has given up, or its trunk is near the floor."""
+        """Whether the robot leans by more than 50 degrees, has given up, or has its trunk near the floor."""
         return self._bound.has_fallen_at(float(self._world_from_floor[2::3] @ self._qpos[:3]))
 
     def _put_back(self) -> None:
-        """Where the floor is the same, so that it never ends."""
+        """Move the robot back to where the floor is the same, so that it never ends."""
         for axis, reach in ((0, 0.5 * self._floor.length), (1, _REACH)):
             along = self._world_from_floor[axis::3]
             place = along @ self._qpos[:3]
@@ -114,14 +114,14 @@ class Track:
 
 
 def grid() -> list[VelocityCommand]:
-    """5 x 3 x 4 commands over v_x, v_y, w_z."""
+    """Grid of 5 x 3 x 4 commands over v_x, v_y, w_z."""
     axes = (np.linspace(-0.6, 1.2, 5), np.linspace(-0.4, 0.4, 3), np.linspace(-1.2, 1.2, 4))
     return [VelocityCommand(*map(float, command)) for command in itertools.product(*axes)]
 
 
 @dataclass(frozen=True, slots=True)
 class Tracking:
-    """Errors over a grid of commands; v_x, v_y [m/s], w_z [rad/s]."""
+    """Errors over a grid of commands, in v_x, v_y [m/s], w_z [rad/s]."""
 
     rmse: tuple[float, float, float]
     """Root mean square of the momentary error, over all commands."""
@@ -132,9 +132,9 @@ class Tracking:
 
 
 def track_grid(body: Quadruped, *, push_every: float | None, seconds: float = 10.0, seed: int = 0) -> Tracking:
-    """Each command of the grid for some seconds on a varied robot, the first second left out.
+    """Track each command of the grid for some seconds on a varied robot, the first second left out.
 
-    After a fall it counts as standing still for the rest of the seconds.
+    After a fall the robot counts as standing still for the rest of the seconds.
     """
     errors: list[FloatArray] = []
     falls = 0
@@ -162,7 +162,7 @@ def tracking_errors(rows: list[tuple[float, float, float]], command: VelocityCom
 
 
 def rough_floor(minute: int, rng: np.random.Generator) -> Floor:
-    """Bars of 2-4 cm, each second one of the full 4 cm; a slope of up to 10%, each third minute the full 10%."""
+    """Make bars of 2-4 cm, each second one of 4 cm; and a slope of up to 10%, each third minute the full 10%."""
     slope = SLOPE if minute % 3 == 0 else rng.uniform(0.0, SLOPE)
     tops = rng.uniform(0.5 * SILL, SILL, _NUM_SILLS)
     tops[::2] = SILL
@@ -171,7 +171,7 @@ def rough_floor(minute: int, rng: np.random.Generator) -> Floor:
 
 
 def count_falls(body: Quadruped, minutes: float, *, rough: bool, push_every: float = 5.0, seed: int = 0) -> int:
-    """Falls in so many minutes of random commands with pushes of 0.5 m/s, a new robot and floor each minute."""
+    """Count falls in minutes of random commands with pushes of 0.5 m/s, a new robot and floor each minute."""
     falls = 0
     low, high = np.array([-0.6, -0.4, -1.2]), np.array([1.2, 0.4, 1.2])
     for minute in tqdm(range(math.ceil(minutes)), desc="falls", unit="min", file=sys.stderr):
@@ -192,7 +192,7 @@ def count_falls(body: Quadruped, minutes: float, *, rough: bool, push_every: flo
 
 
 def real_time_factor(body: Quadruped, seconds: float = 20.0) -> float:
-    """Of physics and gait alone, walking, on one core."""
+    """Measure the real-time factor of physics and gait alone, walking, on one core."""
     track = Track(body, 0, vary=False)
     command = VelocityCommand(0.6, 0.0, 0.4)
     start = time.perf_counter()
@@ -208,20 +208,20 @@ def _rms(errors: FloatArray) -> tuple[float, float, float]:
 
 @dataclass(frozen=True)
 class EvaluateArguments:
-    """Measure a gait."""
+    """Measure how a gait tracks its commands, and how often it falls."""
 
     robot: str = "go2"
     weights: Path | None = None
-    """By default those shipped."""
+    """File of the weights; by default those shipped."""
     out: Path | None = None
     """JSON file of the results, written over if it exists."""
     minutes: float = 60.0
-    """Of random commands, on flat floor and on sills and ramps; 0 leaves them out."""
+    """Minutes of random commands, on flat floor and on sills and ramps; 0 leaves them out."""
     seed: int = 0
 
 
 def main(arguments: EvaluateArguments) -> None:
-    """Print a table, write JSON.
+    """Print a table and write JSON.
 
     Raises:
         BadArgument: If a number is out of its range, or ``--out`` cannot be written.

@@ -14,15 +14,15 @@ from vuca_nav.types import FloatArray
 from worlds.mjcf import TOUCHES_FLOOR, RootElement
 
 SILL_SPACING = 0.9
-"""Between the middles of two bars [m]."""
+"""Distance between the middles of two bars [m]."""
 SILL_DEPTH = 0.5
-"""Of a bar along x, at most [m]."""
+"""Greatest depth of a bar along x [m]."""
 SILL_TOP = 0.05
-"""Of a bar over the floor, at most [m]."""
+"""Greatest height of a bar over the floor [m]."""
 SILL_HALF_HEIGHT = 0.5
-"""Bars are sunk into the floor [m]."""
+"""Half height of a bar, which is sunk into the floor [m]."""
 SILL_HALF_WIDTH = 4.0
-"""Along y, in which bars are alike everywhere: a robot may be put back by any distance [m]."""
+"""Half width of a bar along y, in which it is alike everywhere: a robot may be put back by any distance [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,26 +30,26 @@ class Floor:
     """A plane through the origin and the bars on it, which cross its x axis."""
 
     slope: float = 0.0
-    """Rise over run."""
+    """Slope, rise over run."""
     uphill: float = 0.0
     """Direction of the steepest ascent from the x axis [rad]."""
     tops: tuple[float, ...] = ()
-    """Of the bars over the plane [m]."""
+    """Heights of the bars over the plane [m]."""
     depths: tuple[float, ...] = ()
-    """Of the bars along x [m]."""
+    """Depths of the bars along x [m]."""
 
     @classmethod
     def for_training(cls, num_sills: int) -> "Floor":
-        """Level, each bar as large as can be: within that, ``randomise`` changes them."""
+        """Make a level floor with each bar as large as can be: within that, ``randomise`` changes them."""
         return cls(tops=(SILL_TOP,) * num_sills, depths=(SILL_DEPTH,) * num_sills)
 
     @property
     def length(self) -> float:
-        """After which it may be taken to repeat along x: from one bar to the next, with half a metre between [m]."""
+        """Period of the floor along x, as far as it may be taken to repeat: its bars, half a metre apart [m]."""
         return len(self.tops) * SILL_SPACING + 1.0
 
     def quaternion(self) -> FloatArray:
-        """Of the plane in the world, w, x, y, z (4,)."""
+        """Attitude of the plane in the world, w, x, y, z (4,)."""
         half = 0.5 * math.atan(self.slope)  # about the horizontal axis to the right of uphill
         sine = math.sin(half)
         return np.array([math.cos(half), sine * math.sin(self.uphill), -sine * math.cos(self.uphill), 0.0])
@@ -58,14 +58,14 @@ class Floor:
 def compile_model(
     model: QuadrupedModel, physics: int, floor: Floor, *, touch: bool = False, delayed: bool = True
 ) -> mujoco.MjModel:
-    """The robot, free to move, on a floor.
+    """Compile the robot, free to move, on a floor.
 
     Args:
         model: The robot.
-        physics: Rate [Hz].
-        floor: On which, in the world's frame; gravity points down.
-        touch: See QuadrupedModel.mjcf.
-        delayed: See QuadrupedModel.mjcf.
+        physics: Rate of the physics [Hz].
+        floor: The floor in the world's frame; gravity points down.
+        touch: Add the sensors of contact force; see QuadrupedModel.mjcf.
+        delayed: Delay the targets; see QuadrupedModel.mjcf.
     """
     arena = RootElement(model="floor")
     quaternion = floor.quaternion()
@@ -80,6 +80,6 @@ def compile_model(
         )  # fmt: skip
     arena.attach(model.mjcf(touch=touch, delayed=delayed)).add("freejoint")
     option = arena.option
-    option.flag.autoreset = "disable"  # a robot whose state is lost must be seen to be, not start anew unnoticed
+    option.flag.autoreset = "disable"  # a lost state must be noticed, not start anew unseen
     option.timestep = 1.0 / physics
     return mujoco.MjModel.from_xml_string(arena.to_xml_string())

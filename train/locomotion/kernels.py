@@ -1,4 +1,4 @@
-"""One control step of a batch after the physics: reward and end of episode, then reset and the next observation."""
+"""Control step of a batch after the physics: reward and end of episode, then reset and next observation; compiled."""
 
 import math
 from typing import NamedTuple
@@ -31,75 +31,76 @@ from train.locomotion.rewards import (
 )
 
 CRITIC_SIZE = OBSERVATION_SIZE + 11
-"""Observation, then velocity 3, height, contacts 4, slow tracking error 3."""
+"""Size of the critic's input: observation, then velocity 3, height, contacts 4, slow tracking error 3."""
 NUM_UNIFORM = 26
-"""A reset takes so many."""
+"""Number of uniform numbers that a reset takes."""
 NUM_NORMAL = 49
-"""A sample of the sensors takes 29, their errors of an episode 20."""
+"""Number of normal numbers: 29 for a sample of the sensors, 20 for their errors of an episode."""
 _FALL_UP = 0.5
-"""Vertical part of base_link's z axis below which it has fallen: 60 degrees."""
+"""Vertical part of base_link's z axis below which the robot has fallen: 60 degrees."""
 _CONTACT = 2.0
 """Force that counts as contact [N]."""
 _MAX_STATE = 1e10
-"""Beyond it, as MuJoCo has it, the physics has come apart [any unit]."""
+"""Value beyond which, as in MuJoCo, the physics has diverged [any unit]."""
 FALL_COST = 5.0
-"""What some 1.3 s of walking well are worth."""
+"""Cost of a fall: the reward of some 1.3 s of walking well."""
 _SLOW = 0.5
 """Time constant of the slow tracking error [s]."""
 _NUM_SAMPLE = 29
-"""Gyro 3, tilt 2, joint angles 12, joint speeds 12."""
+"""Number of normal numbers of a sample: gyro 3, tilt 2, joint angles 12, joint speeds 12."""
 _STILL, _ONE_AXIS, _CORNER = 0.1, 0.4, 0.8
-"""A tenth of the commands stand still, three tenths move along one axis only, a fifth are near a corner."""
+"""Cumulative shares of the commands: a tenth stand still, three tenths move along one axis only; beyond the last, a
+fifth are near a corner."""
 _SHORTEST_COMMAND, _COMMAND_SPREAD = 60, 240.0
-"""A command is kept for so many control steps, and up to so many more: 1 to 5 s."""
+"""Control steps for which a command is kept, at least, and the most that are added: 1 to 5 s."""
 _DROP = 0.02
-"""Robots begin so far above their standing height [m]."""
+"""Height above standing at which robots begin [m]."""
 _FIRST_ANGLE, _FIRST_SPEED = 0.1, 0.4
 """Largest deviation of the joints at the start [rad], and largest velocities there [m/s, rad/s]."""
 _HALF_LANE = 2.0
-"""A robot's place across its lane is taken modulo this [m]: the floor is the same all over it."""
+"""Half width of a lane [m]: a robot's place across it is wrapped there, as the floor is the same all over it."""
 
 
 class PhysicsResult(NamedTuple):
-    """What MuJoCo's steps led to."""
+    """Results of MuJoCo's steps."""
 
     states: np.ndarray
-    """(n, state size)"""
+    """MuJoCo's states, (n, state size)."""
     sensors: np.ndarray
-    """(n, sensor values)"""
+    """Values of the sensors, (n, sensor values)."""
     touch: np.ndarray
-    """Where each foot's force is among the sensors, (4,)."""
+    """Index of each foot's force among the sensors, (4,)."""
 
 
 class Verdict(NamedTuple):
-    """How a control step is judged."""
+    """Judgement of a control step."""
 
     reward: np.ndarray
-    """(n,)"""
+    """Rewards, (n,)."""
     terminated: np.ndarray
-    """(n,) fell."""
+    """Whether each robot fell, (n,)."""
     truncated: np.ndarray
-    """(n,) its time was up."""
+    """Whether each episode's time was up, (n,)."""
     terms: np.ndarray
-    """(n, terms), in the order of ``REWARDS``."""
+    """Terms of the reward, (n, terms), in the order of ``REWARDS``."""
 
 
 class Chance(NamedTuple):
     """Random numbers of a control step."""
 
     uniform: np.ndarray
-    """(n, NUM_UNIFORM)"""
+    """Uniform numbers in [0, 1), (n, NUM_UNIFORM)."""
     normal: np.ndarray
-    """(n, NUM_NORMAL)"""
+    """Standard normal numbers, (n, NUM_NORMAL)."""
 
 
 class Challenge(NamedTuple):
-    """What the robots are asked to do and to bear."""
+    """Difficulty of the task: commands, pushes and floor."""
 
     low: np.ndarray
-    """Of the commands, (3,)."""
+    """Lowest commands, (3,)."""
     high: np.ndarray
-    """Of the commands, (3,)."""
+    """Highest commands, (3,)."""
     push_speed: float
     """Largest sudden change of velocity [m/s]."""
     push_interval: float
@@ -109,12 +110,12 @@ class Challenge(NamedTuple):
 
 
 class Observations(NamedTuple):
-    """What actor and critic see."""
+    """Inputs of actor and critic."""
 
     observation: np.ndarray
-    """(n, OBSERVATION_SIZE)"""
+    """Inputs of the actor, (n, OBSERVATION_SIZE)."""
     privileged: np.ndarray
-    """(n, CRITIC_SIZE)"""
+    """Inputs of the critic, (n, CRITIC_SIZE)."""
 
 
 (
@@ -125,7 +126,7 @@ class Observations(NamedTuple):
 
 @njit(cache=True)
 def _in_base(quaternion, v, out):
-    """R^T v for the quaternion w, x, y, z: a vector of the world in base_link."""
+    """Rotate a vector of the world into base_link: R^T v for the quaternion w, x, y, z."""
     w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
     u0, u1, u2 = v[0], v[1], v[2]
     out[0] = (1 - 2 * (y * y + z * z)) * u0 + 2 * (x * y + w * z) * u1 + 2 * (x * z - w * y) * u2
@@ -135,7 +136,7 @@ def _in_base(quaternion, v, out):
 
 @njit(cache=True)
 def _draw_command(u, low, high, out):
-    """A command from the range, with a share that stands still, moves along one axis, or is near a corner."""
+    """Draw a command from the range; a share stands still, moves along one axis, or is near a corner."""
     for k in range(3):
         out[k] = low[k] + (high[k] - low[k]) * u[k]
     if u[3] < _STILL:
@@ -183,7 +184,7 @@ def _reset(tuning, noise, batch, i, u, g, challenge):
 
 @njit(cache=True)
 def judge(legs, tuning, batch, physics, weights, episode, verdict):
-    """Reward and end of a control step whose physics is done.
+    """Compute reward and end of a control step whose physics is done.
 
     Args:
         legs: The robot's ``Legs``.
@@ -211,7 +212,7 @@ def judge(legs, tuning, batch, physics, weights, episode, verdict):
         yaw_rate = gyro[0] * up[0] + gyro[1] * up[1] + gyro[2] * up[2]
         v_up = v_base[0] * up[0] + v_base[1] * up[1] + v_base[2] * up[2]
 
-        # -- what the feet do, seen from the true state
+        # -- motion of the feet, from the true state
         slip, clearance, matches, effort, ground, standing = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for leg in range(4):
             j = 3 * leg
@@ -302,18 +303,18 @@ def judge(legs, tuning, batch, physics, weights, episode, verdict):
 
 @njit(cache=True)
 def go_on(legs, tuning, noise, batch, done, physics, chance, challenge, observations):
-    """Beginnings, pushes, new commands, and what the robots now see.
+    """Reset ended episodes, push robots, draw new commands, and fill in the observations.
 
     Args:
         legs: The robot's ``Legs``.
         tuning: The robot's ``Tuning``.
         noise: A ``SensorNoise``.
         batch: A ``Batch``; changed.
-        done: Whose episode is over, (n,).
+        done: Whether each episode is over, (n,).
         physics: A ``PhysicsResult``.
         chance: A ``Chance``.
         challenge: A ``Challenge``.
-        observations: Output, a ``Observations``.
+        observations: Output, an ``Observations``.
     """
     uniform, normal = chance
     observation, privileged = observations
@@ -342,7 +343,7 @@ def go_on(legs, tuning, noise, batch, done, physics, chance, challenge, observat
             if abs(state[2]) > _HALF_LANE:
                 state[2] -= math.copysign(_HALF_LANE, state[2])
 
-        # -- what the robot now measures, as robots.locomotion.odometry.LegSensors, estimates and is told
+        # -- what the robot measures, as robots.locomotion.odometry.LegSensors does, what it estimates, and its command
         _in_base(state[4:8], batch.up_world[i], up)
         _in_base(state[4:8], state[20:23], v_base)
         errors = batch.sensor_errors[i]
@@ -358,7 +359,7 @@ def go_on(legs, tuning, noise, batch, done, physics, chance, challenge, observat
             q[j] = state[8 + j] + errors[8 + j] + noise.joint_angle * g[5 + j]
             dq[j] = state[26 + j] + noise.joint_speed * g[17 + j]
         worth = leg_velocity(legs, tuning, noisy_gyro, noisy_up, q, dq, batch.targets[i], batch.last_targets[i], planar)
-        for k in range(2 if worth > 0.0 else 0):  # worth nothing, it was not written: it may be a lost state's
+        for k in range(2 if worth > 0.0 else 0):  # of no worth, it was not written: it may be of a lost state
             batch.velocity[i, k] += VELOCITY_GAIN * worth * (planar[k] - batch.velocity[i, k])
         advance_clock(tuning, batch.wanted[i], command, clock)
         fill_observation(
@@ -383,7 +384,7 @@ def go_on(legs, tuning, noise, batch, done, physics, chance, challenge, observat
 
 @njit(cache=True)
 def _foot_height(legs, leg, q, up, scratch):
-    """Of a foot's centre over base_link's origin, along the vertical [m]."""
+    """Height of a foot's centre over base_link's origin, along the vertical [m]."""
     x = -legs.thigh * math.sin(q[1]) - legs.shank * math.sin(q[1] + q[2])
     h = legs.thigh * math.cos(q[1]) + legs.shank * math.cos(q[1] + q[2])
     d, c, s = legs.offsets[leg], math.cos(q[0]), math.sin(q[0])

@@ -20,22 +20,22 @@ _LEG_SIGNS = [-1.0, 1.0, 1.0] * 4
 
 
 def action_mirror() -> tuple[list[int], list[float]]:
-    """Left and right exchanged: ``mirrored = signs * action[order]``."""
+    """Exchange left and right of an action: ``mirrored = signs * action[order]``."""
     return _SWAPPED_LEGS, _LEG_SIGNS
 
 
 def observation_mirror() -> tuple[list[int], list[float]]:
-    """The same for an observation: gyro, up, command, angles, speeds, action, clock, velocity."""
+    """Exchange left and right of an observation: gyro, up, command, angles, speeds, action, clock, velocity."""
     order, signs = list(range(9)), [-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, 1.0, -1.0, -1.0]
     for start in (9, 21, 33):
         order += [start + j for j in _SWAPPED_LEGS]
         signs += _LEG_SIGNS
-    # Half a stride later is what the other diagonal does: sine and cosine change sign.
+    # The other diagonal is half a stride later: sine and cosine change sign.
     return [*order, 45, 46, 47, 48], [*signs, -1.0, -1.0, 1.0, -1.0]
 
 
 def privileged_mirror() -> tuple[list[int], list[float]]:
-    """The same for what the critic sees in addition: velocity 3, height, contacts 4, slow error 3."""
+    """Exchange left and right of the critic's further inputs: velocity 3, height, contacts 4, slow error 3."""
     order, signs = observation_mirror()
     n = OBSERVATION_SIZE
     extra = [n, n + 1, n + 2, n + 3, n + 5, n + 4, n + 7, n + 6, n + 8, n + 9, n + 10]
@@ -66,16 +66,16 @@ class Normaliser(nn.Module):
         self.count.copy_(total)
 
     def scale(self) -> Tensor:
-        """What a centred input is multiplied by."""
+        """Factor on a centred input."""
         return (self.variance + 1e-4).rsqrt()
 
     def forward(self, x: Tensor) -> Tensor:
-        """Normalised and clipped."""
+        """Normalise and clip."""
         return ((x - self.mean) * self.scale()).clamp(-CLIP, CLIP)
 
 
 class Perceptron(nn.Sequential):
-    """Two hidden layers with ELU; first weights from the generator."""
+    """Two hidden layers with ELU; the generator draws the first weights."""
 
     def __init__(self, sizes: tuple[int, int, int], gain: float, generator: torch.Generator):
         inputs, hidden, outputs = sizes
@@ -87,12 +87,12 @@ class Perceptron(nn.Sequential):
 
     @classmethod
     def critic(cls, generator: torch.Generator, hidden: int) -> "Perceptron":
-        """(n, CRITIC_SIZE), normalised, to values (n, 1)."""
+        """Make a critic from normalised inputs (n, CRITIC_SIZE) to values (n, 1)."""
         return cls((CRITIC_SIZE, hidden, 1), 1.0, generator)
 
 
 class ActorNetwork(nn.Module):
-    """Mean and deviation of an action for a normalised observation."""
+    """Mean and standard deviation of an action for a normalised observation."""
 
     def __init__(self, generator: torch.Generator, hidden: int, initial_std: float):
         super().__init__()
@@ -104,7 +104,7 @@ class ActorNetwork(nn.Module):
         return self.log_std.clamp(_LEAST_LOG_STD, _MOST_LOG_STD).exp()
 
     def forward(self, observation: Tensor) -> tuple[Tensor, Tensor]:
-        """(n, OBSERVATION_SIZE) to twice (n, ACTION_SIZE)."""
+        """Mean and standard deviation, each (n, ACTION_SIZE), for observations (n, OBSERVATION_SIZE)."""
         mean = self.layers(observation)
         return mean, self.std().expand_as(mean)
 

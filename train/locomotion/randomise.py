@@ -1,4 +1,4 @@
-"""What differs between the training's robots and floors, so that the gait works on one it has not seen."""
+"""Variation of the training's robots and floors, so that the gait works on others than it has seen."""
 
 # pyright: reportAttributeAccessIssue=false, reportOptionalMemberAccess=false
 # (MuJoCo's compiled bindings are invisible to a static checker.)
@@ -18,26 +18,26 @@ class Randomisation:
     """Ranges of uniform draws, relative unless a unit is given."""
 
     friction: tuple[float, float] = (0.4, 1.25)
-    """Sliding, of feet on floor."""
+    """Sliding friction of feet on floor."""
     spin_friction: tuple[float, float] = (0.3, 1.5)
-    """Torsional and rolling."""
+    """Torsional and rolling friction."""
     payload: tuple[float, float] = (-1.0, 2.0)
-    """On the trunk [kg]."""
+    """Payload on the trunk [kg]."""
     centre_of_mass: float = 0.03
-    """Shift of the trunk's, either way, along each axis [m]."""
+    """Greatest shift of the trunk's centre of mass, either way, along each axis [m]."""
     gains: tuple[float, float] = (0.9, 1.1)
-    """Of the servos."""
+    """Gains of the servos."""
     strength: tuple[float, float] = (0.85, 1.05)
-    """Of the motors' torque limits and their supply."""
+    """Torque limits and supply of the motors."""
     damping: tuple[float, float] = (0.5, 2.0)
     armature: tuple[float, float] = (0.8, 1.2)
     joint_friction: tuple[float, float] = (0.3, 1.6)
     sill_height: tuple[float, float] = (0.0, SILL_TOP)
-    """At full roughness [m]."""
+    """Height of the sills at full roughness [m]."""
     sills: float = 0.7
-    """Share of the floors that have any."""
+    """Share of the floors that have sills."""
     slope: float = 0.12
-    """At most, at full roughness."""
+    """Greatest slope at full roughness."""
     slopes: float = 0.6
     """Share of the floors that are not level."""
 
@@ -52,14 +52,14 @@ def randomise(
 ) -> None:
     """Make a model a random variant of ``base``: of its robot and, within the compiled sizes, of its floor.
 
-    A ramp is a level floor under a tilted gravity. That is no different to the robot as long as its attitude is told
-    against gravity, not against the floor.
+    A ramp is a level floor under a tilted gravity. The robot cannot tell the difference as long as its attitude is
+    given against gravity, not against the floor.
 
     Args:
-        model: Changed; a copy of ``base`` or an earlier variant.
+        model: A copy of ``base`` or an earlier variant; changed.
         base: Robot and floor as they were compiled.
-        data: Of either; what it holds is lost.
-        ranges: Of the draws.
+        data: Data of either model; overwritten.
+        ranges: Ranges of the draws.
         rng: Source of randomness.
         roughness: 0 flat, 1 as rough as the ranges allow.
     """

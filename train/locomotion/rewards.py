@@ -1,4 +1,4 @@
-"""What a gait is paid for at each control step: named terms, their weights, and how sharp they are."""
+"""Rewards of a gait at each control step: named terms, their weights, and their widths."""
 
 from typing import NamedTuple
 
@@ -10,19 +10,19 @@ class RewardWeights(NamedTuple):
     """
 
     linear: float = 1.0
-    """Velocity as commanded, coarsely; see ``LINEAR_WIDTH``."""
+    """Tracking of the commanded velocity, coarsely; see ``LINEAR_WIDTH``."""
     linear_fine: float = 1.25
-    """Velocity as commanded, finely."""
+    """Tracking of the commanded velocity, finely."""
     yaw: float = 0.5
-    """Turn rate as commanded, coarsely."""
+    """Tracking of the commanded turn rate, coarsely."""
     yaw_fine: float = 2.0
-    """Turn rate as commanded, finely."""
+    """Tracking of the commanded turn rate, finely."""
     mean_error: float = 1.0
-    """Velocity and turn rate as commanded, on the average of the last half second."""
+    """Tracking of velocity and turn rate on the average of the last half second."""
     clock: float = 0.5
-    """Share of feet that touch the ground when the gait's clock has them stand, and do not when it has them swing."""
+    """Share of the feet whose contact agrees with the gait's clock: on the ground in stance, off it in swing."""
     alive: float = 0.3
-    """Every step."""
+    """Constant reward of every step."""
     bounce: float = -1.0
     """Vertical velocity squared [(m/s)^-2]."""
     roll_pitch_rate: float = -0.05
@@ -42,7 +42,7 @@ class RewardWeights(NamedTuple):
     slip: float = -0.1
     """Velocity of standing feet over the ground squared [(m/s)^-2]."""
     clearance: float = -15.0
-    """What swinging feet lack in height, squared [m^-2]."""
+    """Missing height of swinging feet, squared [m^-2]."""
     stand: float = -0.5
     """Deviation of the joints from standing, while nothing is commanded."""
 
@@ -50,12 +50,13 @@ class RewardWeights(NamedTuple):
 REWARDS = RewardWeights._fields
 """Names of the terms."""
 LINEAR_WIDTH, LINEAR_FINE_WIDTH = 0.25, 0.015
-"""``exp(-error^2 / width)`` of the horizontal velocity [m^2/s^2]; the coarse one is legged_gym's (Rudin et al.)."""
+"""Widths of ``exp(-error^2 / width)`` for the horizontal velocity [m^2/s^2]; the coarse one is legged_gym's (Rudin et
+al.)."""
 YAW_WIDTH, YAW_FINE_WIDTH = 0.25, 0.03
-"""Of the turn rate [rad^2/s^2]; the coarse one is legged_gym's."""
+"""Widths for the turn rate [rad^2/s^2]; the coarse one is legged_gym's."""
 MEAN_ERROR_WIDTH = 0.01
-"""Of the averaged error, in which a turn rate's counts half [m^2/s^2]."""
+"""Width for the averaged error, in which a turn rate's counts half [m^2/s^2]."""
 MEAN_YAW_SHARE = 0.5
-"""Of an averaged error of the turn rate, beside one of the velocity [m/rad]."""
+"""Weight of an averaged error of the turn rate, beside one of the velocity [m/rad]."""
 STAND_SPEED_SHARE = 0.05
-"""Of a joint's speed beside its angle, in ``stand`` [s]."""
+"""Weight of a joint's speed beside its angle, in ``stand`` [s]."""

@@ -20,10 +20,10 @@ _NEW_FLOORS = 0.02
 
 
 class Course:
-    """The environments of a training, one after another, and how hard the present one is.
+    """The environments of a training, one after another, and the difficulty of the present one.
 
     Args:
-        robot: The body that learns.
+        robot: The robot that learns.
         config: Stages, commands and environment.
         threads: Processor cores for the physics.
     """
@@ -39,7 +39,7 @@ class Course:
         return max(k for k, stage in enumerate(self._config.stages) if stage.start <= progress)
 
     def enter(self, stage: int) -> bool:
-        """Whether a new environment took the place of the last one."""
+        """Make the environment of the stage, if it is a new one; returns whether it is."""
         if stage == self.stage:
             return False
         self.stage = stage
@@ -55,7 +55,7 @@ class Course:
         self.environment.roughness = self._roughness(progress)
 
     def _roughness(self, progress: float) -> float:
-        """Rises over the first half of a stage from the last one's to its own."""
+        """Roughness, which rises over the first half of a stage from the last one's to its own."""
         stages, k = self._config.stages, self.stage
         end = stages[k + 1].start if k + 1 < len(stages) else 1.0
         before = stages[k - 1].roughness if k > 0 else 0.0
@@ -68,13 +68,13 @@ class Course:
 
 
 class GaitRollouts(Rollouts):
-    """Robots that go on walking from batch to batch, seen through running normalisers.
+    """Robots that walk on from batch to batch, observed through running normalisers.
 
     Args:
-        course: Where they walk.
-        actor: The gait.
-        critic: Reads what no robot knows.
-        horizon: Control steps of a batch.
+        course: The environments.
+        actor: Network of the gait.
+        critic: Network that reads the privileged observation.
+        horizon: Number of control steps of a batch.
         normaliser_until: Share of the training after which the normalisers are frozen.
     """
 
@@ -88,7 +88,7 @@ class GaitRollouts(Rollouts):
         self._look_around()
 
     def _look_around(self) -> None:
-        """First observations in a new environment."""
+        """Observe for the first time in a new environment."""
         environment = self.course.environment
         first = environment.step(np.zeros((environment.config.num_robots, ACTION_SIZE), np.float32))
         self._now = torch.tensor(first.observation), torch.tensor(first.privileged)
@@ -139,7 +139,7 @@ class GaitRollouts(Rollouts):
         }  # fmt: skip
 
     def state(self) -> dict:
-        """Robots, floors, normalisers, and the random numbers of the physics."""
+        """State of robots, floors, normalisers, and the random numbers of the physics."""
         environment = {key: torch.from_numpy(array) for key, array in self.course.environment.state().items()}
         return {
             "see": self.see.state_dict(), "see_all": self.see_all.state_dict(), "observation": self._now[0],
@@ -148,7 +148,7 @@ class GaitRollouts(Rollouts):
         }  # fmt: skip
 
     def load(self, state: dict) -> None:
-        """Go on from such a state."""
+        """Restore such a state."""
         self.course.enter(int(state["stage"]))
         self.course.environment.load({key: tensor.numpy() for key, tensor in state["environment"].items()})
         self.see.load_state_dict(state["see"])
@@ -158,14 +158,14 @@ class GaitRollouts(Rollouts):
 
 
 def following_values(values: torch.Tensor, last: torch.Tensor, truncated: torch.Tensor) -> torch.Tensor:
-    """Values of what was seen after each step of a batch whose episodes begin anew within it.
+    """Values of the observations after each step of a batch whose episodes begin anew within it.
 
-    The batched simulation has begun anew by the time that it tells of an end: what an episode whose time was up saw
-    last is not known, and the value of what it saw before that will do.
+    The batched simulation has begun anew by the time that it reports an end: the last observation of an episode whose
+    time was up is not known, and the value of the one before it stands in.
 
     Args:
-        values: (h, n, 1) of what was seen before each step.
-        last: (n, 1) of what was seen after the last one.
-        truncated: (h, n, 1) whether its time was up.
+        values: (h, n, 1) values of the observations before each step.
+        last: (n, 1) values of the observations after the last one.
+        truncated: (h, n, 1) whether the episode's time was up.
     """
     return torch.where(truncated, values, torch.cat((values[1:], last[None])))

@@ -1,4 +1,4 @@
-"""One training run of a gait, and the weights it ends with."""
+"""A training run of a gait, and the weights it ends with."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -36,11 +36,11 @@ _PANELS = (
 
 
 def make_learner(robot: QuadrupedConfig, config: TrainingConfig, threads: int = 1) -> PpoLearner:
-    """A learner with random first weights, and its robots on their first floors.
+    """Make a learner with random first weights, and its robots on their first floors.
 
     Args:
-        robot: The body that learns.
-        config: How.
+        robot: The robot that learns.
+        config: Settings of the training.
         threads: Processor cores for the physics.
     """
     course = Course(robot, config, threads)
@@ -57,17 +57,17 @@ def make_learner(robot: QuadrupedConfig, config: TrainingConfig, threads: int = 
 
 
 class GaitTraining(TrainingLoop[PpoLearner]):
-    """A run that can be interrupted and gone on with, to the very weights it would have had without.
+    """A run that can be interrupted and resumed, and ends with the very weights of one that was not.
 
     Args:
-        robot: The body that learns.
-        config: How.
+        robot: The robot that learns.
+        config: Settings of the training.
         out: Directory of checkpoint, log, curves and weights.
-        resume: Go on with what is in ``out``, if anything is.
+        resume: Go on with the run in ``out``, if there is one.
         threads: Processor cores for the physics; the weights do not depend on them.
 
     Raises:
-        BadArgument: If ``out`` cannot be written to, or holds a run and it shall not be resumed, or one of another
+        BadArgument: If ``out`` cannot be written to, or holds a run and ``resume`` is not set, or a run of another
             robot, gait or configuration.
     """
 
@@ -83,7 +83,7 @@ class GaitTraining(TrainingLoop[PpoLearner]):
 
     @property
     def weights(self) -> Path:
-        """What the run ends with."""
+        """File of the weights that the run ends with."""
         return self.directory.path / self.robot.weights
 
     @property
@@ -97,8 +97,8 @@ class GaitTraining(TrainingLoop[PpoLearner]):
         return self.config.steps_per_iteration
 
     def start(self) -> None:
-        """Train in this process; the physics has threads."""
-        torch.set_num_threads(1)  # how a sum is shared out among threads decides about its last bits
+        """Train in this process, with the physics' threads."""
+        torch.set_num_threads(1)  # the last bits of a sum depend on how threads share it out
         self.train(make_learner(self.robot, self.config, self._threads))
 
     def export(self, learner: PpoLearner, done: int, elapsed: float) -> None:
@@ -120,5 +120,5 @@ class GaitTraining(TrainingLoop[PpoLearner]):
         write_card(page, self.robot.spec.name, self.config, self.directory.commits, elapsed, rows)
 
     def shown(self, report: Report) -> dict[str, str]:
-        """What is paid, and how often robots fall."""
+        """Reward and rate of falls, for the progress bar."""
         return {"reward": f"{report['reward/total']:.2f}", "falls": f"{report['falls_per_minute']:.2f}/min"}
