@@ -1,4 +1,4 @@
-"""The page that goes with weights: what they are, how they came about, what they did in training."""
+"""The page that goes with weights: the policy, its training, and its results in training."""
 
 import json
 from collections.abc import Sequence
@@ -20,12 +20,12 @@ def write_card(
     """Write the Markdown page of a finished run.
 
     Args:
-        path: ``.md``.
-        stage: What was learnt.
-        run: From what, by whom.
-        commits: At which it ran, one after another.
-        seconds: The training took.
-        log: Its rows.
+        path: Markdown file to be written.
+        stage: The stage that was trained.
+        run: Settings of the run.
+        commits: Commits that the run was at, one after another.
+        seconds: Time that the training took.
+        log: Rows of the log.
     """
     steps: int = log[-1]["steps"]
     tail = log[-max(len(log) // 50, 1) :]

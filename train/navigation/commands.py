@@ -23,7 +23,7 @@ from vuca_nav.policy.weights_file import WEIGHTS_FOLDER
 
 @dataclass(frozen=True)
 class RunArguments:
-    """What every training is told."""
+    """Arguments of every training."""
 
     out: Path = Path("runs/navigation")
     """Directory that holds a directory for each policy, with its checkpoint, log, TensorBoard files, curves, weights
@@ -31,15 +31,15 @@ class RunArguments:
     shipped one."""
     seed: int = 0
     resume: bool = False
-    """Go on with what is in --out."""
+    """Go on with the run in --out."""
 
 
 @dataclass(frozen=True)
 class CriticArguments(RunArguments):
-    """Train the critic of V^h on what comes of episodes in the batched arena."""
+    """Train the critic of V^h on the outcomes of episodes in the batched arena."""
 
     workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """Threads that step the arena, by default one for each core; the weights do not depend on it."""
+    """Number of threads that step the arena, by default one for each core; the weights do not depend on it."""
     config: CriticConfig = field(default_factory=CriticConfig)
 
 
@@ -48,10 +48,10 @@ class NavigationArguments(RunArguments):
     """Train navigation policies in the batched arena."""
 
     workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """Processes that learn together, a core each; by default as many as there are cores and share out worlds and
-    minibatches evenly. Another number gives other weights."""
+    """Number of processes that learn together, a core each; by default as many as there are cores and share out worlds
+    and minibatches evenly. Another number gives other weights."""
     collector: Collector = "local"
-    """Where the worlds are: local, or on a Ray cluster (found by RAY_ADDRESS, else started here), N workers of it."""
+    """Place of the worlds: local, or on a Ray cluster (found by RAY_ADDRESS, else started here), N workers of it."""
     from_scratch: bool = False
     """Start experts from random weights, not from trained policies."""
 
@@ -60,8 +60,8 @@ def train_navigation(name: str, argv: list[str]) -> int:
     """Train one policy, the critic of V^h, or all of them.
 
     Args:
-        name: Of a stage, "critic", or "all".
-        argv: What follows it.
+        name: Name of a stage, "critic", or "all".
+        argv: Arguments after it.
 
     Returns:
         The exit code.

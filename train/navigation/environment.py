@@ -1,4 +1,4 @@
-"""What a learner acts in: the arena, as it asks for it."""
+"""The environment of a learner: the arena behind the interface that the learner asks for."""
 
 from collections.abc import Callable
 from typing import Protocol
@@ -12,48 +12,48 @@ from train.navigation.stages import StageConfig
 
 
 class EnvironmentStep(Outcome, Protocol):
-    """An outcome, and what follows."""
+    """An outcome, and the observations that follow."""
 
     @property
     def observation(self) -> NDArray[np.float32]:
-        """(n, size), of the new episode where one ended."""
+        """Observations, (n, size), of the new episode where one ended."""
         ...
 
     @property
     def final_observation(self) -> NDArray[np.float32]:
-        """(n, size), the last one of an episode that ended; other rows may hold anything."""
+        """Last observations of episodes that ended, (n, size); other rows may hold anything."""
         ...
 
 
 class Environment(Protocol):
-    """Rows that start anew by themselves when their episode ends. What is given back may be overwritten later."""
+    """Rows that start anew when their episode ends; returned arrays may be overwritten later."""
 
     def restart(self, seed: int) -> NDArray[np.float32]:
-        """New episodes everywhere, drawn by this seed alone; observations (n, size)."""
+        """Begin new episodes everywhere, drawn by this seed alone; returns observations (n, size)."""
         ...
 
     def step(self, action: NDArray[np.float32]) -> EnvironmentStep:
-        """Actions (n, 3) in [-1, 1]."""
+        """Carry out actions (n, 3) in [-1, 1]."""
         ...
 
 
 MakeEnvironment = Callable[[StageConfig, int], Environment]
-"""Stage and number of rows to an environment."""
+"""Function from a stage and a number of rows to an environment."""
 
 
 class ArenaEnvironment:
     """A worker's share of the arena.
 
     Args:
-        stage: Whose arena.
-        rows: How many worlds.
+        stage: The stage that the arena is for.
+        rows: Number of worlds.
     """
 
     def __init__(self, stage: StageConfig, rows: int):
         self._arena = Arena(stage.arena, stage.observation, rows, seed=0, threads=1)
 
     def restart(self, seed: int) -> NDArray[np.float32]:
-        """New episodes everywhere, drawn by this seed alone."""
+        """Begin new episodes everywhere, drawn by this seed alone."""
         (shard,) = self._arena.shards
         words = np.random.SeedSequence(seed).generate_state(self._arena.n, np.uint64)
         shard.rows.stream[:] = words
@@ -61,5 +61,5 @@ class ArenaEnvironment:
         return self._arena.reset()
 
     def step(self, action: NDArray[np.float32]) -> EnvironmentStep:
-        """One decision."""
+        """Carry out one decision."""
         return self._arena.step(action)

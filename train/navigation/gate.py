@@ -1,4 +1,4 @@
-"""What a gate is paid for and taught beside the policy's rewards."""
+"""Losses of a gate beside the policy's rewards: its mutual information, and the skills it is taught."""
 
 import math
 
@@ -13,15 +13,15 @@ from vuca_nav.policy.observation import ObservationConfig
 
 
 class GateLoss:
-    """The gate's shares for the actor, its mutual information, and the lessons it is given first.
+    """The gate's shares for the actor, its mutual information, and the skills it is taught first.
 
     Args:
-        actor: Whose gate.
-        observation: What it looks at.
+        actor: The actor with the gate.
+        observation: The observation that it reads.
         config: Weights of the terms.
 
     Raises:
-        BadArgument: If there is no gate of four to be taught.
+        BadArgument: If a gate is to be taught that has not four experts.
     """
 
     def __init__(
@@ -36,7 +36,7 @@ class GateLoss:
         part.set("gate", self._actor.gate(part["observation"]))
 
     def extra(self, part: TensorDict, *, critic_only: bool) -> Tensor | None:
-        """Mutual information as the policy learns, the skills while only the critic does."""
+        """Compute the loss: mutual information while the policy learns, the skills while only the critic does."""
         config, shares = self._config, part["gate"]
         if not critic_only:
             if config.gate_information == 0.0:

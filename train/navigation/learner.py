@@ -1,4 +1,4 @@
-"""The PPO learner of a navigation policy: its networks, its mirror symmetry and its gate's losses, put together."""
+"""The PPO learner of a navigation policy: its networks, its mirror symmetry and its gate's losses."""
 
 from collections.abc import Callable
 
@@ -17,20 +17,20 @@ from train.ppo.rollout import Mirror, Rollouts
 from train.ppo.team import Alone
 
 MakeRollouts = Callable[[FusedActor, torch.nn.Module], Rollouts]
-"""From actor and critic to where their batches come from."""
+"""Function from actor and critic to the source of their batches."""
 
 
 def make_learner(stage: StageConfig, seed: int, team: Alone, make_rollouts: MakeRollouts) -> PpoLearner:
-    """A learner with random first weights.
+    """Make a learner with random first weights.
 
     Args:
-        stage: What is learnt.
-        seed: Of weights, actions and minibatches.
+        stage: The stage to be trained.
+        seed: Seed of weights, actions and minibatches.
         team: The workers that learn along.
-        make_rollouts: Where batches come from.
+        make_rollouts: Makes the source of the batches.
 
     Raises:
-        BadArgument: If there is no gate of four to be taught.
+        BadArgument: If a gate is to be taught that has not four experts.
     """
     first, size, config = torch.Generator().manual_seed(seed), stage.observation.size, stage.ppo
     actor = FusedActor(size, stage.network, first)
@@ -47,13 +47,13 @@ def make_learner(stage: StageConfig, seed: int, team: Alone, make_rollouts: Make
 
 
 def make_local_learner(stage: StageConfig, seed: int, team: Alone, environment: Environment) -> PpoLearner:
-    """A learner with an environment of its own, in this process; see ``make_learner``.
+    """Make a learner with an environment of its own, in this process; see ``make_learner``.
 
     Args:
-        stage: What is learnt.
-        seed: Of weights, episodes, actions and minibatches.
+        stage: The stage to be trained.
+        seed: Seed of weights, episodes, actions and minibatches.
         team: The workers that learn along.
-        environment: With this worker's share of the worlds.
+        environment: The environment with this worker's share of the worlds.
     """
     rewards = find_rewards(stage.rewards)
     return make_learner(

@@ -1,4 +1,4 @@
-"""The fused actor and the critic as torch modules."""
+"""The fused actor (Zhang et al., Section III-B) and the critic as torch modules."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from vuca_nav.checks import check_counts, check_fields
 
 ACTION_SIZE = 3
-"""Shares of the body's limits of v_x, v_y and w_z."""
+"""Size of an action: shares of the body's limits of v_x, v_y and w_z."""
 Activation = Literal["relu", "elu"]
 _ACTIVATIONS: dict[str, Callable[[Tensor], Tensor]] = {"relu": torch.relu, "elu": nn.functional.elu}
 _LEAST_LOG_STD, _MOST_LOG_STD = -3.0, 0.0
@@ -22,7 +22,7 @@ class NetworkConfig:
     """Sizes of the networks; the paper prints none."""
 
     experts: int = 1
-    """Networks whose weights are fused; 1 needs no gate."""
+    """Number of networks whose weights are fused; 1 needs no gate."""
     hidden: int = 128
     """Units of both hidden layers of every expert."""
     gate: int = 64
@@ -31,10 +31,10 @@ class NetworkConfig:
     """Units of both hidden layers of the critic."""
     activation: Activation = "relu"
     initial_std: float = 0.37
-    """Of every action at first."""
+    """Standard deviation of every action at first."""
 
     def __post_init__(self) -> None:
-        """Raises BadArgument for what is out of its range."""
+        """Raise BadArgument for a value that is out of its range."""
         check_counts(self, "experts", "hidden", "gate", "critic")
         least, most = math.exp(_LEAST_LOG_STD), math.exp(_MOST_LOG_STD)
         check_fields(self, f"{least:.2f} to {most:g}", lambda std: least <= std <= most, "initial_std")
@@ -55,7 +55,7 @@ class FusedLinear(nn.Module):
             nn.init.orthogonal_(weight, gain, generator)
 
     def forward(self, x: Tensor, shares: Tensor) -> Tensor:
-        """(n, inputs) and shares (n, experts) to (n, outputs)."""
+        """Map inputs (n, inputs) to outputs (n, outputs), for shares (n, experts)."""
         experts, outputs, inputs = self.weight.shape
         y = torch.addmm(self.bias.view(-1), x, self.weight.view(-1, inputs).t())  # (n, experts * outputs)
         if experts == 1:
@@ -64,12 +64,12 @@ class FusedLinear(nn.Module):
 
 
 class FusedActor(nn.Module):
-    """Mean and deviation of an action for an observation.
+    """Mean and standard deviation of an action for an observation.
 
     Args:
         inputs: Size of an observation.
-        config: Sizes.
-        generator: Of the first weights.
+        config: Sizes of the networks.
+        generator: Source of the first weights.
     """
 
     def __init__(self, inputs: int, config: NetworkConfig, generator: torch.Generator):
@@ -86,29 +86,29 @@ class FusedActor(nn.Module):
         self._activation = _ACTIVATIONS[config.activation]
 
     def gate(self, observation: Tensor) -> Tensor:
-        """(n, inputs) to shares (n, experts) that add up to 1."""
+        """Shares (n, experts) that add up to 1, for observations (n, inputs)."""
         if self.gate_layers is None:
             return observation.new_ones(len(observation), 1)
         return self.gate_layers(observation).softmax(-1)
 
     def mean(self, observation: Tensor, shares: Tensor) -> Tensor:
-        """The action itself, (n, 3) within [-1, 1]."""
+        """Mean of the action, (n, 3) within [-1, 1]."""
         x = self._activation(self.layers[0](observation, shares))
         x = self._activation(self.layers[1](x, shares))
         return torch.tanh(self.layers[2](x, shares))
 
     def std(self) -> Tensor:
-        """Of each action, (3,)."""
+        """Standard deviation of each action, (3,)."""
         return self.log_std.clamp(_LEAST_LOG_STD, _MOST_LOG_STD).exp()
 
     def forward(self, observation: Tensor, shares: Tensor) -> tuple[Tensor, Tensor]:
-        """Mean and deviation, twice (n, 3); ``shares`` is what the gate says, or what it is overruled by."""
+        """Mean and standard deviation, each (n, 3); ``shares`` are the gate's, or those that overrule it."""
         mean = self.mean(observation, shares)
         return mean, self.std().expand_as(mean)
 
 
 def make_critic(inputs: int, config: NetworkConfig, generator: torch.Generator) -> nn.Sequential:
-    """(n, inputs) to values (n, 1), of the reward as it is scaled in training."""
+    """Make a critic from observations (n, inputs) to values (n, 1) of the reward as it is scaled in training."""
     activation = nn.ReLU if config.activation == "relu" else nn.ELU
     return nn.Sequential(
         _linear(inputs, config.critic, math.sqrt(2.0), generator), activation(),

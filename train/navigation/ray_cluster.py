@@ -21,7 +21,7 @@ from train.ppo.team import Alone
 
 
 class _Gated(nn.Module):
-    """A fused actor that asks its own gate."""
+    """A fused actor with the shares of its own gate."""
 
     def __init__(self, actor: FusedActor):
         super().__init__()
@@ -33,15 +33,16 @@ class _Gated(nn.Module):
 
 @contextlib.contextmanager
 def ray_learner(stage: StageConfig, seed: int, workers: int) -> Iterator[PpoLearner]:
-    """A learner whose batches workers on a Ray cluster collect; see ``RayRollouts``.
+    """Make a learner whose batches workers on a Ray cluster collect; see ``RayRollouts``.
 
     Args:
-        stage: What is learnt, and where.
-        seed: Of everything.
-        workers: Collectors, a core each, with an equal share of the worlds.
+        stage: The stage to be trained.
+        seed: Seed of all randomness.
+        workers: Number of collectors, a core each, with an equal share of the worlds.
 
     Raises:
-        BadArgument: If the cluster has fewer cores than workers, or there is no gate of four to be taught.
+        BadArgument: If the cluster has fewer cores than workers, or a gate is to be taught that has not
+            four experts.
     """
     config = stage.ppo
     rows = config.worlds // workers

@@ -23,8 +23,8 @@ class ArenaRollouts(Rollouts):
         networks: Actor and critic.
         config: Settings.
         rewards: What is paid.
-        seed: Of the episodes.
-        team: Which worker this is.
+        seed: Seed of the episodes.
+        team: The workers, of which this is one.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class ArenaRollouts(Rollouts):
         self._rollout = Rollout.zeros(config.horizon, rows, {"observation": size}, ACTION_SIZE)
 
     def restart(self, iteration: int) -> None:
-        """New episodes, so that a run that is gone on with sees what it would have seen."""
+        """Begin new episodes, so that a resumed run sees what it would have seen."""
         seed = np.random.SeedSequence((self._seed, self._rank, iteration, 1)).generate_state(1)[0]
         self._now = torch.tensor(self._environment.restart(int(seed)))
 
@@ -76,11 +76,11 @@ class ArenaRollouts(Rollouts):
 
 
 def batch_report(ends: FloatArray, terms: FloatArray, actor: FusedActor, observations: Tensor) -> dict[str, float]:
-    """What is worth plotting of a batch.
+    """Summarise a batch for the log and the plots.
 
     Args:
-        ends: Episodes that were reached, collided, timed out, (3,).
-        terms: The rewards' terms, means over the rows summed up over the horizon, (7,).
+        ends: Numbers of episodes that reached the goal, collided, timed out, (3,).
+        terms: Terms of the reward, means over the rows summed up over the horizon, (7,).
         actor: The policy.
         observations: (h, n, size).
     """

@@ -1,4 +1,4 @@
-"""The four skills that Section III-B asks for, read off an observation: what a gate can be taught first."""
+"""The four skills of Zhang et al., Section III-B, read off an observation: what a gate can be taught first."""
 
 import math
 
@@ -9,24 +9,25 @@ from vuca_nav.policy.observation import ObservationConfig
 from vuca_nav.task import NEAR_RANGE
 
 SKILLS = ("forward", "emergency stop", "turn", "backward")
-"""In the order of the experts: copies of go-straight, obstacle-avoidance, go-straight and obstacle-avoidance."""
+"""Names of the skills in the order of the experts: copies of go-straight, obstacle-avoidance, go-straight and
+obstacle-avoidance."""
 AHEAD = math.radians(45.0)
-"""Half of the sector that is looked at for something in the way [rad]."""
+"""Half of the sector ahead that is searched for obstacles [rad]."""
 NEAR, TOO_NEAR = NEAR_RANGE, 0.3
 """Clearances ahead at which to stop, and to back off [m]; the first is where R_o begins to count."""
 ASIDE = math.radians(35.0)
-"""A goal farther off the heading than this asks for a turn [rad]."""
+"""Angle off the heading from which on a goal asks for a turn [rad]."""
 
 
 def skill_labels(observation: Tensor, config: ObservationConfig) -> Tensor:
-    """The skill that each observation calls for.
+    """Label the skill that each observation calls for.
 
     Args:
-        observation: (n, size)
-        config: What it is made of.
+        observation: Observations, (n, size).
+        config: Composition of the observation.
 
     Returns:
-        (n,) indices into ``SKILLS``: backward if something ahead is too near, otherwise emergency stop if it is near,
+        (n,) indices into ``SKILLS``: backward if an obstacle ahead is too near, otherwise emergency stop if it is near,
         otherwise turn if the goal is aside, otherwise forward.
     """
     sectors = config.sectors

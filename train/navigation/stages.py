@@ -1,4 +1,4 @@
-"""What can be trained: a row for each policy."""
+"""The policies that can be trained (Zhang et al., Section III-B, and beyond): a stage for each."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,10 +13,10 @@ from vuca_nav.policy.observation import ObservationConfig
 
 @dataclass(frozen=True, slots=True)
 class StageConfig:
-    """A policy to be trained."""
+    """Settings of a policy to be trained."""
 
     name: str
-    """Of its directory below ``--out``, and of its files there."""
+    """Name of its directory below ``--out``, and of its files there."""
     about: str
     """A sentence for its page."""
     rewards: str
@@ -26,14 +26,14 @@ class StageConfig:
     network: NetworkConfig
     ppo: NavigationPpoConfig
     steps: int
-    """Decisions to be made, of all worlds together."""
+    """Number of decisions, of all worlds together."""
     sources: tuple[str, ...] = ()
     """The policies that the experts start as."""
     copy_noise: float = 0.05
-    """What is added to every second copy of a policy, as a share of its matrices' deviation."""
+    """Noise added to every second copy of a policy, as a share of its matrices' deviation."""
 
     def __post_init__(self) -> None:
-        """Raises BadArgument for what is out of its range."""
+        """Raise BadArgument for a value that is out of its range."""
         right = "the plain name of a file, without a path"
         check_fields(self, right, lambda name: name not in ("", ".", "..") and Path(name).name == name, "name")
         check_counts(self, "steps")
@@ -47,7 +47,8 @@ _SECOND = NavigationPpoConfig(horizon=64, minibatch=4096, first_rate=6e-4, last_
 _SECOND_FROM_SCRATCH = NavigationPpoConfig(horizon=64, minibatch=4096, first_rate=1e-3, last_rate=5e-5)
 _FOUR = NetworkConfig(experts=4, initial_std=0.25)
 _CAREFUL = ArenaConfig(static=0.22, dynamic=0.2, mixed=0.15, square=0.08, corridor=0.35)
-"""Corridors, where most collisions are, more than twice as often; of the others but ``static`` less."""
+"""Arena with more than twice as many corridors, where most collisions are, and fewer of the other kinds but
+``static``."""
 _COPIES = ("go-straight", "obstacle-avoidance", "go-straight", "obstacle-avoidance")
 
 
@@ -100,15 +101,15 @@ _ALL = (
     ),
 )  # fmt: skip
 STAGES = {stage.name: stage for stage in _ALL}
-"""Every policy, each after those that it starts from. ``_plus`` goes beyond the paper: in place of scan differences
-the policy sees tracks of what moves, and the body's limits; and the gate is first taught which skill is called for,
-then paid for making up its mind."""
+"""Stages by name, each after those that it starts from. ``_plus`` goes beyond the paper: in place of scan differences
+the policy sees tracks of movers, and the body's limits; and the gate is first taught which skill is called for, then
+paid for making up its mind."""
 EVERYTHING = tuple(STAGES)
-"""What ``vuca train all`` trains, in this order."""
+"""Names of the stages that ``vuca train all`` trains, in this order."""
 
 
 def find_stage(name: str) -> StageConfig:
-    """A stage by its name.
+    """Find a stage by its name.
 
     Raises:
         UnknownName: If there is no such stage.
@@ -119,7 +120,7 @@ def find_stage(name: str) -> StageConfig:
 
 
 def from_scratch(stage: StageConfig) -> StageConfig:
-    """The same stage without anything to start from, and so without a gate that is taught while experts wait."""
+    """Make the same stage without sources, and so without a gate that is taught while experts wait."""
     if not stage.sources:
         return stage
     ppo = replace(stage.ppo, critic_first=0, teach_gate=False, first_rate=_FIRST.first_rate)

@@ -36,17 +36,17 @@ _PANELS = (
 
 
 class NavigationTraining(TrainingLoop[PpoLearner]):
-    """A stage that can be interrupted and gone on with; at each checkpoint all episodes start anew.
+    """A stage that can be interrupted and resumed; at each checkpoint all episodes start anew.
 
     Args:
-        stage: What is learnt, and how.
-        run: By whom, from what.
+        stage: The stage to be trained.
+        run: Settings of the run.
         out: Directory of checkpoint, log, curves and weights.
         make_environment: Builds a worker's arena.
-        resume: Go on with what is in ``out``, if anything is.
+        resume: Go on with the run in ``out``, if there is one.
 
     Raises:
-        BadArgument: If ``out`` holds a run and it shall not be resumed, or one of another configuration, or if the
+        BadArgument: If ``out`` holds a run and ``resume`` is not set, or a run of another configuration, if the
             worlds or the minibatch cannot be shared out evenly, or the experts cannot start as the sources.
         BadWeights: If a source is missing or broken.
     """
@@ -68,17 +68,17 @@ class NavigationTraining(TrainingLoop[PpoLearner]):
 
     @property
     def weights(self) -> Path:
-        """What the run ends with."""
+        """File of the weights that the run ends with."""
         return self.directory.path / f"{self.stage.name}.safetensors"
 
     @property
     def steps(self) -> int:
-        """Decisions of all worlds together."""
+        """Number of decisions of all worlds together."""
         return self.stage.steps
 
     @property
     def steps_per_iteration(self) -> int:
-        """Decisions in a batch."""
+        """Number of decisions in a batch."""
         return self.stage.ppo.worlds * self.stage.ppo.horizon
 
     def start(self) -> None:
@@ -128,7 +128,7 @@ class NavigationTraining(TrainingLoop[PpoLearner]):
         write_card(self.weights.with_suffix(".md"), self.stage, self.run_config, self.directory.commits, elapsed, rows)
 
     def shown(self, report: Report) -> dict[str, str]:
-        """How episodes end, and what they are paid."""
+        """Shares of the outcomes and the reward, for the progress bar."""
         return {
             "reached": f"{report['episodes/reached']:.2f}", "crashed": f"{report['episodes/collided']:.2f}",
             "reward": f"{report['reward/total']:.3f}",
@@ -136,7 +136,7 @@ class NavigationTraining(TrainingLoop[PpoLearner]):
 
 
 def _work(rank: int, training: NavigationTraining, environments: Sequence[Environment], meeting: str) -> None:
-    """A worker process, or the only one."""
+    """Run a worker process, or the only one."""
     torch.set_num_threads(1)
     run = training.run_config
     team = Team(rank, run.workers, Path(meeting)) if meeting else Alone()
@@ -152,7 +152,7 @@ def even_workers(ppo: NavigationPpoConfig, most: int) -> list[int]:
 
 
 def check_run(stage: StageConfig, run: RunConfig) -> None:
-    """Raises BadArgument for a run whose workers cannot share it out, or that needs what is not installed."""
+    """Raise BadArgument for a run whose workers cannot share it out, or whose requirements are not installed."""
     find_rewards(stage.rewards)
     most = (os.cpu_count() or 1) if run.collector == "local" else stage.ppo.worlds
     if not 1 <= run.workers <= most:

@@ -25,14 +25,14 @@ def export(
     """Write a policy; the file is there whole or not at all.
 
     Args:
-        path: ``.safetensors``.
-        name: Of the policy.
+        path: The ``.safetensors`` file.
+        name: Name of the policy.
         actor: Its experts and its gate.
         critic: Values of the observation.
-        network: Sizes.
-        observation: What it looks at.
+        network: Sizes of the networks.
+        observation: The observation that it reads.
         decision_rate: Actions a second it was trained at [Hz].
-        notes: How it was trained.
+        notes: Description of the training.
     """
     tensors: dict[str, Tensor] = {}
     for k, layer in enumerate(actor.layers):
@@ -52,7 +52,7 @@ def export(
 
 
 def sorted_header(data: bytes) -> bytes:
-    """Let the same weights be the same bytes: safetensors writes its metadata in any order."""
+    """Sort the metadata of safetensors, which it writes in any order: the same weights become the same bytes."""
     end = 8 + int.from_bytes(data[:8], "little")
     header = json.dumps(json.loads(data[8:end]), sort_keys=True, separators=(",", ":")).encode()
     header += b" " * (-len(header) % 8)
@@ -65,12 +65,12 @@ def start_from(
     """Let every expert start as a trained network, and the critic as the first one's.
 
     Args:
-        actor: With as many experts as there are sources.
-        critic: Of the same sizes as the first source's.
+        actor: An actor with as many experts as there are sources.
+        critic: A critic of the same sizes as the first source's.
         sources: Policies of one network, one for each expert.
-        noise: Standard deviation, as a share of each matrix's own, of what is added to copies: without it they would
+        noise: Standard deviation of the noise added to copies, as a share of each matrix's own: without it they would
             stay twins.
-        generator: Of the noise.
+        generator: Source of the noise.
     """
     seen: set[Path] = set()
     with torch.no_grad():
@@ -89,16 +89,16 @@ def start_from(
 
 
 def find_sources(paths: Sequence[Path], network: NetworkConfig, observation: ObservationConfig) -> list[PolicyWeights]:
-    """Policies that experts can start as.
+    """Find the policies that experts start as.
 
     Args:
         paths: A file for each expert.
         network: Sizes of the network that starts.
-        observation: What it will look at.
+        observation: The observation that it will read.
 
     Raises:
         BadWeights: If a file is missing or broken.
-        BadArgument: If a policy is of other sizes, looks at something else, or there is not one for each expert.
+        BadArgument: If a policy is of other sizes, reads another observation, or there is not one for each expert.
     """
     if len(paths) != network.experts:
         raise BadArgument(f"{len(paths)} policies to start from, but {network.experts} experts")
@@ -117,7 +117,7 @@ def find_sources(paths: Sequence[Path], network: NetworkConfig, observation: Obs
 
 
 def actor_of(source: PolicyWeights) -> FusedActor:
-    """A shipped policy's actor as a torch module, for batches."""
+    """Make a torch module of a shipped policy's actor, for batches."""
     hidden, gate = source.biases[0].shape[1], len(source.gate_biases[0]) if source.gate_biases else 1
     network = NetworkConfig(experts=source.experts, hidden=hidden, gate=gate, activation=source.activation)  # type: ignore[arg-type]
     actor = FusedActor(source.observation.size, network, torch.Generator())
@@ -138,7 +138,7 @@ def actor_of(source: PolicyWeights) -> FusedActor:
 def _plain(
     source: PolicyWeights, weights: Sequence[NDArray[np.float32]], biases: Sequence[NDArray[np.float32]]
 ) -> tuple[list[Tensor], list[Tensor]]:
-    """A network's layers for observations that nothing is subtracted from nor multiplied by."""
+    """Layers of a network whose observations are neither shifted nor scaled."""
     first = weights[0] * source.scale
     bias = biases[0] - first @ source.mean
     return [torch.tensor(w) for w in (first, *weights[1:])], [torch.tensor(b) for b in (bias, *biases[1:])]
