@@ -45,7 +45,7 @@ class Floor:
 
     @property
     def length(self) -> float:
-        """Period of the floor along x, as far as it may be taken to repeat: its bars, half a metre apart [m]."""
+        """Length after which the floor may be taken to repeat along x [m]."""
         return len(self.tops) * SILL_SPACING + 1.0
 
     def quaternion(self) -> FloatArray:

@@ -1,1 +1,1 @@
-"""Proximal policy optimisation, once for all: the learner, its workers, the training loop and its directory."""
+"""Proximal policy optimisation for all trainings: the learner, its workers, the training loop and its directory."""

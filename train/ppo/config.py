@@ -20,28 +20,29 @@ class PpoConfig:
     """Weight of longer returns in the advantage (Schulman et al. 2016)."""
     clip: float = 0.2
     normalise: Literal["batch", "minibatch"] = "batch"
-    """What advantages are normalised over."""
+    """Set that advantages are normalised over."""
     first_rate: float = 1e-3
-    """Adam's at first, falling linearly ..."""
+    """Adam's learning rate at first, falling linearly ..."""
     last_rate: float = 1e-4
-    """... to this at the end."""
+    """... to this rate at the end."""
     divergence: tuple[float, float] | None = None
-    """If given, both rates start at ``first_rate``, the critic's stays, and the actor's is adapted after every update
-    to this Kullback-Leibler divergence, at first and at the end (rsl_rl's schedule; Rudin et al. 2022)."""
+    """Kullback-Leibler divergence at first and at the end. If given, both rates start at ``first_rate``, the critic's
+    stays, and the actor's is adapted to it after every update (rsl_rl's schedule; Rudin et al. 2022)."""
     entropy: float = 0.003
     """Weight of the actions' entropy at first; falls linearly to 0."""
     max_gradient: float = 1.0
-    """Norm that gradients are clipped to, of actor and critic each."""
+    """Norm that the gradients of actor and critic are clipped to, each."""
     critic_first: int = 0
-    """Iterations at first in which only the critic learns, so that a trained actor is not spoilt by a new one."""
+    """Number of iterations at first in which only the critic learns, so that a new critic does not spoil a trained
+    actor."""
     mirror: bool = True
     """Exchange left and right in half of each minibatch."""
     averaging: float | None = None
-    """If given, the exported weights are a running mean over the iterations (Polyak and Juditsky 1992), of which this
-    share is kept at each."""
+    """Share of a running mean of the weights (Polyak and Juditsky 1992) that is kept at each iteration. If given, the
+    mean is exported."""
 
     def __post_init__(self) -> None:
-        """Raises BadArgument for what is out of its range."""
+        """Raise BadArgument for a value that is out of its range."""
         check_counts(self, "horizon", "minibatch", "epochs")
         check_fields(self, "above 0 and at most 1", lambda share: 0.0 < share <= 1.0, "gamma", "lambda_", "clip")
         check_positive(self, "first_rate", "last_rate", "max_gradient")

@@ -6,16 +6,16 @@ from pathlib import Path
 import numpy as np
 
 Panel = tuple[str, tuple[str, ...]]
-"""Title, and the keys of the log that are drawn together."""
+"""Title of a panel, and the keys of the log that are drawn in it."""
 
 
 def draw_curves(rows: Sequence[dict], panels: Sequence[Panel], unit: str, picture: Path) -> None:
     """Draw a run's log over its steps, smoothed over a hundredth of them.
 
     Args:
-        rows: Of the log.
-        panels: What is drawn; keys that the log lacks are left out.
-        unit: What a step is, in the plural.
+        rows: Rows of the log.
+        panels: Panels to be drawn; keys that the log lacks are left out.
+        unit: Unit of a step, in the plural.
         picture: PNG to be written.
     """
     import matplotlib

@@ -1,4 +1,4 @@
-"""Estimates that PPO is made of: log-probabilities, advantages, divergences."""
+"""Estimates of PPO: log-probabilities, advantages, divergences."""
 
 import math
 
@@ -31,7 +31,7 @@ def advantages(rollout: Rollout, gamma: float, lambda_: float) -> tuple[Tensor, 
     """Generalised advantage estimates (Schulman et al. 2016) and the critic's targets.
 
     An episode whose time was up is worth what would have followed (Pardo et al. 2018, "Time limits in reinforcement
-    learning"): nothing in an observation tells that it was.
+    learning"): an observation does not show that it was.
 
     Args:
         rollout: A batch.

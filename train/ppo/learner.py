@@ -1,4 +1,4 @@
-"""Proximal policy optimisation by TorchRL's loss and advantage: one learner for every policy that is trained here."""
+"""Proximal policy optimisation by TorchRL's loss and advantage: one learner for all policies."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -27,29 +27,29 @@ _TOO_FAR, _TOO_NEAR = 2.0, 0.5
 
 @dataclass(frozen=True, slots=True)
 class Networks:
-    """What is trained, and how it reads a minibatch."""
+    """Networks to be trained, and how they read a minibatch."""
 
     actor: nn.Module
-    """Gives the action's mean and standard deviation, twice (n, k)."""
+    """Network that gives the action's mean and standard deviation, each (n, k)."""
     critic: nn.Module
-    """Gives values (n, 1)."""
+    """Network that gives values (n, 1)."""
     mirrors: Mapping[str, Mirror]
-    """How each tensor of a minibatch is mirrored, "action" included."""
+    """Mirror of each tensor of a minibatch, "action" included."""
     actor_reads: tuple[str, ...] = ("observation",)
     critic_reads: tuple[str, ...] = ("observation",)
     groups: Sequence[tuple[Sequence[nn.Parameter], float]] = ()
-    """Parameters of the actor that learn so many times as fast as the rest."""
+    """Parameters of the actor with learning rates of their own, as multiples of the others'."""
 
 
 class ExtraLoss(Protocol):
-    """What a policy needs beside PPO's own loss."""
+    """Terms of a policy's loss beside PPO's own."""
 
     def prepare(self, part: TensorDict) -> None:
-        """Put what the actor reads and no rollout holds into a minibatch."""
+        """Put tensors into a minibatch that the actor reads and no rollout holds."""
         ...
 
     def extra(self, part: TensorDict, *, critic_only: bool) -> Tensor | None:
-        """A term to be added to the loss.
+        """Compute a term to be added to the loss.
 
         Args:
             part: A minibatch after ``prepare``.
@@ -59,24 +59,24 @@ class ExtraLoss(Protocol):
 
 
 class NoExtraLoss:
-    """PPO's own loss, and nothing else."""
+    """PPO's own loss alone."""
 
     def prepare(self, part: TensorDict) -> None:
-        """Nothing is needed."""
+        """Add nothing."""
 
     def extra(self, part: TensorDict, *, critic_only: bool) -> Tensor | None:
-        """Nothing is added."""
+        """Add nothing."""
         return None
 
 
 class PpoLearner:
-    """Actor, critic, their optimiser, and one iteration of PPO; wherever its batches come from.
+    """Actor, critic, their optimiser, and one iteration of PPO on batches from any source.
 
     Args:
-        networks: What learns.
-        rollouts: Where batches come from.
-        config: Settings.
-        random: Of the actions and the minibatches.
+        networks: Networks to be trained.
+        rollouts: Source of the batches.
+        config: Settings of PPO.
+        random: Random numbers of the actions and the minibatches.
         team: The workers that learn along.
         extra: Terms of the loss beside PPO's.
     """
@@ -115,7 +115,7 @@ class PpoLearner:
 
     @property
     def rate(self) -> float:
-        """Adam's of the actor at present."""
+        """Present learning rate of the actor."""
         return self._optimiser.param_groups[0]["lr"]
 
     def restart(self) -> None:
@@ -130,7 +130,7 @@ class PpoLearner:
             clock: [s]
 
         Returns:
-            What is worth plotting, averaged over the workers.
+            Numbers for the log and the plots, averaged over the workers.
         """
         generator = self._random.at(self.iteration)
         start = clock()
@@ -150,15 +150,15 @@ class PpoLearner:
         return dict(zip(keys, values.tolist()))
 
     def learn(self, rollout: Rollout, progress: float, generator: torch.Generator) -> dict[str, float]:
-        """All epochs over one batch.
+        """Learn in all epochs over one batch.
 
         Args:
             rollout: The batch.
             progress: Share of the training done, 0-1.
-            generator: Of the order of the minibatches.
+            generator: Source of the order of the minibatches.
 
         Returns:
-            What is worth plotting.
+            Numbers for the log and the plots.
         """
         config, team = self.config, self.team
         with torch.no_grad():
@@ -192,7 +192,7 @@ class PpoLearner:
                     old_std = self._distribution(part, slice(0, 1))[1]
                 sums += self.update(part)
                 if wanted is not None and old_std is not None:
-                    # Of the half that was not mirrored: else it would also measure how unlike the sides are.
+                    # Only the half that was not mirrored: the other would also measure how unlike the sides are.
                     own = slice(size // 2 if config.mirror else 0, size)
                     mean, std = self._distribution(part, own)
                     apart = float(divergence(part["loc"][own], old_std, mean, std))
@@ -210,7 +210,7 @@ class PpoLearner:
         return {**report, "loss/explained": explained, "rate": self.rate}
 
     def update(self, part: TensorDict) -> Tensor:
-        """One step of the optimiser.
+        """Make one step of the optimiser.
 
         Args:
             part: A minibatch.
@@ -271,7 +271,7 @@ class PpoLearner:
             group["lr"] = min(group["lr"] * _RATE_STEP, _MOST_RATE)
 
     def state(self) -> dict:
-        """For a checkpoint: tensors and numbers only."""
+        """State for a checkpoint: tensors and numbers only."""
         return {
             "actor": self.actor.state_dict(), "critic": self.critic.state_dict(),
             "optimiser": self._optimiser.state_dict(), "iteration": self.iteration,
@@ -280,7 +280,7 @@ class PpoLearner:
         }  # fmt: skip
 
     def load(self, state: dict) -> None:
-        """Go on from a checkpoint."""
+        """Restore the state of a checkpoint."""
         self.actor.load_state_dict(state["actor"])
         self.critic.load_state_dict(state["critic"])
         self._optimiser.load_state_dict(state["optimiser"])

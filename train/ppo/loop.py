@@ -1,4 +1,4 @@
-"""The one training loop: checkpoints, log, TensorBoard, progress bar, curves and the page of the weights."""
+"""The training loop: checkpoints, log, TensorBoard, progress bar, curves and the page of the weights."""
 
 import copy
 import json
@@ -15,26 +15,26 @@ from train.ppo.run_directory import RunDirectory, read_log
 from vuca_nav.errors import BadArgument
 
 Report = dict[str, Any]
-"""A row of the log: numbers, which are also plotted, and what else JSON holds."""
+"""A row of the log: numbers, which are also plotted, and other JSON values."""
 
 
 class Learner(Protocol):
-    """What a loop trains."""
+    """Interface of what a loop trains."""
 
     def restart(self) -> None:
         """Begin new episodes, as at every checkpoint; a function of the iteration alone."""
         ...
 
     def iterate(self, progress: float) -> Report:
-        """One iteration, at this share of the training, 0-1."""
+        """Make one iteration, at this share of the training, 0-1."""
         ...
 
     def state(self) -> dict:
-        """Everything the next iteration depends on: tensors, numbers and text; borrowed."""
+        """State that the next iteration depends on: tensors, numbers and text; borrowed."""
         ...
 
     def load(self, state: dict) -> None:
-        """Go on from such a state."""
+        """Restore such a state."""
         ...
 
 
@@ -42,18 +42,18 @@ AnyLearner = TypeVar("AnyLearner", bound=Learner)
 
 
 class TrainingLoop(ABC, Generic[AnyLearner]):
-    """A run that can be interrupted and gone on with.
+    """A run that can be interrupted and resumed.
 
     Args:
-        name: Of what is trained.
-        directory: Of checkpoint, log, curves and weights.
+        name: Name of what is trained.
+        directory: Directory of checkpoint, log, curves and weights.
     """
 
     save_every: ClassVar[int] = 1
     """Iterations between checkpoints."""
     unit: ClassVar[str] = "step"
     save_on_interrupt: ClassVar[bool] = False
-    """Interrupted from the keyboard, save the last whole iteration: for learners whose state goes on through it."""
+    """Save the last whole iteration when interrupted from the keyboard: for learners whose state goes on through it."""
 
     def __init__(self, name: str, directory: RunDirectory):
         self.name, self.directory = name, directory
@@ -61,26 +61,26 @@ class TrainingLoop(ABC, Generic[AnyLearner]):
     @property
     @abstractmethod
     def weights(self) -> Path:
-        """What the run ends with; its page is beside it."""
+        """File of the weights that the run ends with; its page is beside it."""
 
     @property
     @abstractmethod
     def steps(self) -> int:
-        """Steps of the whole training; rounded up to whole iterations."""
+        """Number of steps of the whole training; rounded up to whole iterations."""
 
     @property
     def steps_per_iteration(self) -> int:
-        """How many of them one iteration makes."""
+        """Number of steps of one iteration."""
         return 1
 
     @property
     def iterations(self) -> int:
-        """Of the whole training."""
+        """Number of iterations of the whole training."""
         return math.ceil(self.steps / self.steps_per_iteration)
 
     @abstractmethod
     def start(self) -> None:
-        """Make what learns, and ``train`` it, in this process or in workers."""
+        """Make the learner, and ``train`` it, in this process or in workers."""
 
     @abstractmethod
     def export(self, learner: AnyLearner, done: int, elapsed: float) -> None:
@@ -91,14 +91,14 @@ class TrainingLoop(ABC, Generic[AnyLearner]):
         """Draw the curves and write the page of the weights.
 
         Args:
-            done: Iterations.
-            elapsed: [s]
-            rows: Of the log.
+            done: Number of iterations done.
+            elapsed: Time that they took [s].
+            rows: Rows of the log.
         """
 
     @abstractmethod
     def shown(self, report: Report) -> dict[str, str]:
-        """What the progress bar shows of a report."""
+        """Numbers of a report that the progress bar shows."""
 
     def begin(self, learner: AnyLearner) -> None:
         """Change the first weights of a run that begins."""
@@ -109,7 +109,7 @@ class TrainingLoop(ABC, Generic[AnyLearner]):
         An interrupted run loses what it did since its last checkpoint.
 
         Raises:
-            BadArgument: If checkpoint or log of a run that is gone on with are damaged.
+            BadArgument: If checkpoint or log of a resumed run are damaged.
         """
         done, elapsed = self.directory.progress()
         if done < self.iterations:
@@ -119,10 +119,10 @@ class TrainingLoop(ABC, Generic[AnyLearner]):
             self.describe(done, elapsed, read_log(self.directory.log))
 
     def train(self, learner: AnyLearner, *, leads: bool = True) -> None:
-        """All iterations that are left; one worker's part.
+        """Run all iterations that are left; one worker's part.
 
         Args:
-            learner: What is trained.
+            learner: The learner to be trained.
             leads: Whether this is the worker that writes.
 
         Raises:

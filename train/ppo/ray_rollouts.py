@@ -1,4 +1,4 @@
-"""Batches from worlds that are elsewhere: TorchRL's collectors on a Ray cluster gather them."""
+"""Batches collected by workers on a Ray cluster, through TorchRL's collectors."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -18,15 +18,15 @@ from train.ppo.rollout import Rollout, Rollouts
 from vuca_nav.errors import BadArgument
 
 _NO_END = 1 << 62
-"""Decisions that the collector is asked for: the run says when it is enough."""
+"""Number of decisions that the collector is asked for: the run ends it."""
 
 
 class Explorer(nn.Module):
-    """A policy with noise that only its seed determines.
+    """A policy with noise that depends on its seed alone.
 
     Args:
-        policy: Gives mean and standard deviation of an action for an observation; its parameters are what is sent to
-            the workers.
+        policy: Network from an observation to mean and standard deviation of an action; its parameters are sent to the
+            workers.
     """
 
     def __init__(self, policy: nn.Module):
@@ -35,11 +35,11 @@ class Explorer(nn.Module):
         self._noise: torch.Generator | None = None
 
     def seed_noise(self, seed: int) -> None:
-        """Let what follows depend on this seed alone."""
+        """Seed the noise, which depends on this seed alone from here on."""
         self._noise = torch.Generator().manual_seed(seed)
 
     def forward(self, observation: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """(n, inputs) to the action within [-1, 1], as it was drawn, its mean, each (n, k), and its log-probability."""
+        """Draw actions: within [-1, 1], as drawn, their means, each (n, k), and log-probabilities."""
         mean, std = self.policy(observation)
         drawn = mean + std * torch.randn(mean.shape, generator=self._noise)
         return drawn.clamp(-1.0, 1.0), drawn, mean, log_prob(drawn, mean, std)
@@ -49,16 +49,16 @@ class RayRollouts(Rollouts):
     """Batches that workers on a Ray cluster collect, all with the present weights.
 
     A cluster is found by the variable RAY_ADDRESS, else one is started on this computer. The same seed and number of
-    workers give the same batches. A context manager: leaving it lets the workers go.
+    workers give the same batches. It is a context manager: leaving it stops the workers.
 
     Args:
-        make_envs: One for each worker, which has a core of its own; all with as many rows.
-        policy: As ``Explorer`` takes it.
-        critic: Values of an observation.
-        decisions: Of a batch, of all workers together.
-        seed: Of everything.
-        reward_scale: Factor of what the environments pay.
-        summarise: What is worth plotting, from what the collectors gather, (h, n, ...).
+        make_envs: Makers of an environment for each worker, which has a core of its own; all with as many rows.
+        policy: The policy, as ``Explorer`` takes it.
+        critic: Network from an observation to its value.
+        decisions: Number of decisions of a batch, of all workers together.
+        seed: Seed of all randomness.
+        reward_scale: Factor on the rewards of the environments.
+        summarise: Makes the numbers for the plots from what the collectors gather, (h, n, ...).
 
     Raises:
         BadArgument: If the cluster has fewer cores than workers.
@@ -87,11 +87,11 @@ class RayRollouts(Rollouts):
         self._batches = iter(self._collector)
 
     def __enter__(self) -> "RayRollouts":
-        """Itself."""
+        """Return itself."""
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None):
-        """Let the workers go, and the cluster if it was started here."""
+        """Stop the workers, and the cluster if it was started here."""
         self._collector.shutdown()
         self._stop_ray()
 
@@ -100,7 +100,7 @@ class RayRollouts(Rollouts):
             ray.shutdown()
 
     def restart(self, iteration: int) -> None:
-        """New episodes and new noise on all workers."""
+        """Begin new episodes and new noise on all workers."""
         sequences = np.random.SeedSequence((self._seed, iteration, 2)).spawn(self._workers)
         seeds = [(int(sequence.generate_state(1)[0]),) for sequence in sequences]
         self._collector.map_fn("policy.module.seed_noise", seeds)
@@ -108,7 +108,7 @@ class RayRollouts(Rollouts):
         self._collector.map_fn("reset")
 
     def collect(self, progress: float, generator: torch.Generator) -> tuple[Rollout, dict[str, float]]:
-        """Let the workers play on; their noise is of their own generators."""
+        """Let the workers play on, with noise of their own generators."""
         self._collector.update_policy_weights_(self._explorer)
         batch = next(self._batches)  # (workers, rows, horizon)
         batch = batch.reshape(-1, batch.shape[-1]).transpose(0, 1)

@@ -1,4 +1,4 @@
-"""What a learner learns from: a batch of decisions, and where it comes from."""
+"""Batches that a learner learns from, and the interface of their sources."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -9,36 +9,36 @@ from torch import Tensor
 
 
 class Rollout(NamedTuple):
-    """Decisions of n rows over h time steps, as the learner's networks are to see them."""
+    """Decisions of n rows over h time steps, as the learner's networks read them."""
 
     seen: dict[str, Tensor]
-    """What actor and critic read, by the names that ``Networks`` gives, each (h, n, size)."""
+    """Inputs of actor and critic, by the names that ``Networks`` gives, each (h, n, size)."""
     action: Tensor
-    """As drawn, (h, n, k)."""
+    """Actions as drawn, (h, n, k)."""
     log_prob: Tensor
-    """Of the action, (h, n)."""
+    """Log-probability of the action, (h, n)."""
     mean: Tensor
-    """Of the distribution that the action was drawn from, (h, n, k)."""
+    """Mean of the distribution that the action was drawn from, (h, n, k)."""
     value: Tensor
-    """By the critic, of what was seen before each decision, (h, n, 1)."""
+    """Critic's value of the observation before each decision, (h, n, 1)."""
     following: Tensor
-    """By the critic, of what was seen after it, before a new episode began; where one terminated, any number,
-    (h, n, 1)."""
+    """Critic's value of the observation after it, before a new episode began; where one terminated, any number, (h, n,
+    1)."""
     reward: Tensor
-    """(h, n, 1)"""
+    """Rewards, (h, n, 1)."""
     done: Tensor
     """Whether an episode ended with the decision, (h, n, 1)."""
     terminated: Tensor
-    """Whether it ended for another reason than that its time was up, (h, n, 1)."""
+    """Whether it ended for another reason than the time limit, (h, n, 1)."""
 
     @classmethod
     def zeros(cls, horizon: int, rows: int, seen: dict[str, int], actions: int) -> "Rollout":
-        """Buffers to be filled.
+        """Make buffers to be filled.
 
         Args:
-            horizon: Time steps.
-            rows: Of the batch.
-            seen: Sizes of what the networks read.
+            horizon: Number of time steps.
+            rows: Number of rows of the batch.
+            seen: Sizes of the inputs of the networks.
             actions: Size of an action.
         """
         h, n = horizon, rows
@@ -62,34 +62,34 @@ class Rollouts(ABC):
 
         Args:
             progress: Share of the training done, 0-1.
-            generator: Of the exploration's noise.
+            generator: Source of the exploration's noise.
 
         Returns:
-            The batch, borrowed until the next one, and what is worth plotting.
+            The batch, borrowed until the next one, and numbers for the plots.
         """
 
     def state(self) -> dict:
-        """Tensors and numbers that the next batch depends on beside the networks and the iteration."""
+        """State that the next batch depends on beside the networks and the iteration: tensors and numbers."""
         return {}
 
     def load(self, state: dict) -> None:
-        """Go on from such a state."""
+        """Restore such a state."""
         return
 
 
 class Mirror(NamedTuple):
-    """Left and right exchanged: ``mirrored = signs * x[..., order]``."""
+    """Exchange of left and right: ``mirrored = signs * x[..., order]``."""
 
     order: Tensor
-    """(size,)"""
+    """Order of the mirrored values, (size,)."""
     signs: Tensor
-    """(size,)"""
+    """Signs of the mirrored values, (size,)."""
 
     @classmethod
     def of(cls, order: Sequence[int], signs: Sequence[float]) -> "Mirror":
-        """From plain numbers."""
+        """Make a mirror from plain numbers."""
         return cls(torch.tensor(order), torch.tensor(signs))
 
     def __call__(self, x: Tensor) -> Tensor:
-        """The mirror image of (..., size)."""
+        """Mirror (..., size)."""
         return x[..., self.order] * self.signs

@@ -1,4 +1,4 @@
-"""The directory of a training run: what it was begun with, its log, its checkpoint. It survives a kill."""
+"""The directory of a training run: its settings, its log, its checkpoint. It survives a kill."""
 
 import io
 import json
@@ -15,21 +15,21 @@ CHECKPOINT = "checkpoint.pt"
 LOG = "log.jsonl"
 CONFIG = "config.json"
 NOTES = ("commits", "stage.about")
-"""What ``config.json`` tells beside that which a run depends on."""
+"""Keys of ``config.json`` that a run does not depend on."""
 NOT_KNOWN = "not known"
-"""In place of a commit, of a run that began before commits were noted, or away from a checkout."""
+"""Text in place of a commit, for a run that began before commits were noted, or away from a checkout."""
 
 
 class RunDirectory:
-    """A run's files.
+    """Files of a run.
 
     Args:
         out: The directory; made if it is not there.
-        contract: What the run depends on, as JSON holds it; kept in ``config.json``.
-        resume: Go on with what is in ``out``, if anything is.
+        contract: Settings that the run depends on, as JSON; kept in ``config.json``.
+        resume: Go on with the run in ``out``, if there is one.
 
     Raises:
-        BadArgument: If ``out`` holds a run and it shall not be resumed, or one of another contract, or cannot be
+        BadArgument: If ``out`` holds a run and ``resume`` is not set, or a run of another contract, or cannot be
             written.
     """
 
@@ -62,7 +62,7 @@ class RunDirectory:
 
     @property
     def commits(self) -> list[str]:
-        """The commits that the run was at, one after another."""
+        """Commits that the run was at, one after another."""
         commits = json.loads(self._config.read_text()).get("commits")
         return [str(at) for at in commits] if isinstance(commits, list) and commits else [NOT_KNOWN]
 
@@ -90,16 +90,16 @@ class RunDirectory:
         """Put a checkpoint in place of the last one.
 
         Args:
-            learner: Its state: tensors, numbers and text only.
-            done: Iterations.
-            elapsed: [s]
+            learner: State of the learner: tensors, numbers and text only.
+            done: Number of iterations done.
+            elapsed: Time that they took [s].
         """
         buffer = io.BytesIO()
         torch.save({"learner": learner, "done": done, "elapsed": elapsed}, buffer)
         write_whole(self._checkpoint, buffer.getvalue())
 
     def load(self) -> dict:
-        """What ``save`` was given.
+        """Read the checkpoint that ``save`` wrote.
 
         Raises:
             BadArgument: If it cannot be read, or lacks a part.
@@ -111,12 +111,12 @@ class RunDirectory:
             raise BadArgument(f"{self._checkpoint} is not a checkpoint that can be read: {error}") from error
 
     def cut_log(self, done: int) -> None:
-        """Drop what the log tells of iterations after a checkpoint: they are lost, and will come again."""
+        """Drop the rows of the log after a checkpoint: their iterations are lost, and will come again."""
         write_log(self.log, read_log(self.log, done) if done else [])
 
 
 def read_log(log: Path, last: int | None = None) -> list[dict]:
-    """A run's log; a last line that was torn off is left out.
+    """Read a run's log; a last line that was torn off is left out.
 
     Args:
         log: JSON lines as a run writes them.
@@ -144,7 +144,7 @@ def read_log(log: Path, last: int | None = None) -> list[dict]:
 
 
 def read_whole_log(log: Path, last: int) -> list[dict]:
-    """A run's log up to its checkpoint, with a row for each iteration.
+    """Read a run's log up to its checkpoint, with a row for each iteration.
 
     Args:
         log: JSON lines as a run writes them.
@@ -163,12 +163,12 @@ def read_whole_log(log: Path, last: int) -> list[dict]:
 
 
 def write_log(log: Path, rows: Sequence[dict]) -> None:
-    """The log again, with these rows."""
+    """Write the log again, with these rows."""
     write_whole(log, "".join(json.dumps(row) + "\n" for row in rows))
 
 
 def _differences(old: object, new: object, at: str = "") -> list[str]:
-    """Paths of what is not the same in two trees of JSON."""
+    """Paths at which two trees of JSON differ."""
     if isinstance(old, dict) and isinstance(new, dict):
         keys = sorted({*old, *new})
         return [d for key in keys for d in _differences(old.get(key), new.get(key), f"{at}.{key}".strip("."))]

@@ -9,11 +9,11 @@ import torch.distributed as dist
 from torch import Tensor, nn
 
 _PATIENCE = timedelta(minutes=10)
-"""How long a worker waits for another: the first ones to be ready wait for kernels being compiled."""
+"""Time that a worker waits for another: the first ones to be ready wait for kernels being compiled."""
 
 
 class Alone:
-    """A team of one: nothing to be averaged."""
+    """A team of one, with nothing to average."""
 
     rank = 0
     size = 1
@@ -25,14 +25,14 @@ class Alone:
         """Replace all gradients by their means over the workers."""
 
     def close(self) -> None:
-        """Leave."""
+        """Leave the team."""
 
 
 class Team(Alone):
-    """One of several processes on this computer, over gloo.
+    """One of several processes on this computer that average over gloo.
 
     Args:
-        rank: Of this process, 0 to size - 1.
+        rank: Rank of this process, 0 to size - 1.
         size: Number of processes.
         meeting: A file, absent at first, by which they find one another.
     """
@@ -63,5 +63,5 @@ class Team(Alone):
             at += gradient.numel()
 
     def close(self) -> None:
-        """Leave."""
+        """Leave the team."""
         dist.destroy_process_group()
