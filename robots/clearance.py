@@ -12,7 +12,7 @@ from worlds.level_scan import level_columns
 
 
 class FootprintClearance:
-    """Clearance of a convex footprint to the nearest obstacle or moving obstacle.
+    """Clearance of a convex footprint to the nearest obstacle or mover.
 
     Args:
         static: Shapes of the static obstacles, in the world.
@@ -43,7 +43,7 @@ class FootprintClearance:
         """Whether every surface is at least ``limit`` [m] from the footprint; cheaper than the distance.
 
         Args:
-            limit: [m]
+            limit: Distance to compare with [m].
             x: Position of base_link in the world [m].
             y: Position of base_link in the world [m].
             yaw: Heading of base_link in the world [rad].
@@ -62,7 +62,7 @@ _BOUND = 7
 
 
 def _packed(shapes: ShapeArrays, height: float) -> FloatArray:
-    """The first eight of ``level_columns``; the bounding radius of what the robot cannot touch is -1."""
+    """Copy the first eight of ``level_columns``; the bounding radius of shapes out of reach in height becomes -1."""
     columns = level_columns(shapes)[:, : _BOUND + 1]
     within_reach = (shapes.z[:, 0] < height) & (shapes.z[:, 1] > 0.0)
     columns[:, _BOUND] = np.where(within_reach, columns[:, _BOUND], -1.0)
@@ -164,7 +164,7 @@ def _polygon_to_box(polygon, half_x, half_y):
 
 @njit(cache=True)
 def _segment_meets_box(ax, ay, bx, by, half_x, half_y):
-    """Separating axes of a segment and the box: x, y and the segment's normal."""
+    """Whether a segment meets the box, by separating axes: x, y and the segment's normal."""
     if min(ax, bx) > half_x or max(ax, bx) < -half_x or min(ay, by) > half_y or max(ay, by) < -half_y:
         return False
     nx, ny = ay - by, bx - ax
@@ -263,7 +263,7 @@ def overlaps_batch(rows, poses, outlines, scenes, layout, parts, hit, moved):
 
 @njit(cache=True, nogil=True)
 def _overlaps(shape, offset, base_cos, base_sin, footprint, radius, moved):
-    """Whether a footprint overlaps a shape; ``offset``: from the shape's centre to base_link, and the shape's yaw."""
+    """Whether a footprint overlaps a shape, given the shape's yaw and the offset from its centre to base_link."""
     dx, dy, cos, sin = offset
     half_x, half_y, is_cylinder = shape[4], shape[5], shape[6] != 0.0
     reach = radius + shape[_BOUND]

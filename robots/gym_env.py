@@ -24,7 +24,8 @@ from worlds.world import World
 
 ENV_ID = "vuca/Navigation-v0"
 WEIGHTS = REWARDS["fusion"]
-"""The paper's Table I, its column for the fused policy: progress, the goal and a collision count."""
+"""Weights of the rewards: the column of Zhang et al., Table I, for the fused policy; progress, the goal and a collision
+count."""
 MAX_GOAL_DISTANCE = 1000.0
 """Bound of the observation space [m]."""
 MAX_TWIST = 20.0
@@ -53,8 +54,8 @@ class NavigationEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         noise: Size of the sensors' errors.
 
     Raises:
-        UnknownName: No such world or robot.
-        BadArgument: A rate that does not divide the lidar's, or an option that the world does not take.
+        UnknownName: If there is no such world or robot.
+        BadArgument: If the rate does not divide the lidar's, or the world does not take an option.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012  (gymnasium's own form)
@@ -75,7 +76,7 @@ class NavigationEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             raise BadArgument(f"rate {rate} Hz: one that divides the lidar's {lidar.rate:g} Hz would be right")
         self._name, self._region, self._movers = world, region, movers
         self._scans, self._tolerance, self._noise = round(lidar.rate) // rate, tolerance, noise or NoiseConfig()
-        self._make_world(0)  # an unknown name is told at once
+        self._make_world(0)  # an unknown name is reported at once
         low, high = (spec.min_v_x, -spec.max_v_y, -spec.max_w_z), (spec.max_v_x, spec.max_v_y, spec.max_w_z)
         self._low, self._high = np.array(low, np.float32), np.array(high, np.float32)
         self.action_space = spaces.Box(self._low, self._high, dtype=np.float32)
@@ -94,11 +95,11 @@ class NavigationEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """A new world and a new robot in it.
+        """Make a new world with a new robot in it.
 
         Args:
             seed: Seed of the world and of the sensors' noise, as of a mission; drawn at random if None.
-            options: None are known.
+            options: Ignored: there are none.
         """
         super().reset(seed=seed)
         chosen = int(self.np_random.integers(2**31)) if seed is None else seed
@@ -111,7 +112,7 @@ class NavigationEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         return self._observation(scan, odometry), {"seed": chosen, "shortest_path": shortest}
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Carry an action out.
+        """Carry out an action.
 
         Args:
             action: v_x, v_y, w_z; what is beyond the body's limits is clipped.

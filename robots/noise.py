@@ -47,7 +47,7 @@ class NoiseConfig:
 
     @classmethod
     def none(cls) -> "NoiseConfig":
-        """Perfect sensors."""
+        """Make perfect sensors."""
         return cls(
             range_sigma=0.0,
             dropout=0.0,

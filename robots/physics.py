@@ -29,7 +29,7 @@ _STATE = (
     | mujoco.mjtState.mjSTATE_CTRL
     | mujoco.mjtState.mjSTATE_QFRC_APPLIED
 )
-"""The parts of MuJoCo's state that the next step depends on, but for mocap poses and forces on single bodies."""
+"""Parts of MuJoCo's state that the next step depends on, but for mocap poses and forces on single bodies."""
 
 _NOT_FOR_ONE_ROBOT = int(mujoco.mjtDisableBit.mjDSBL_ISLAND | mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
 """Searches that find nothing on an empty floor: one robot is one island of constraints, and the floor is one geom.
@@ -105,7 +105,7 @@ class Physics:
 
 
 def build_model(world: World, body: Body, physics_rate: float) -> mujoco.MjModel:
-    """The robot, free to move, in the scene, compiled. The integrator is the body's choice."""
+    """Compile the scene with the robot, free to move. The integrator is the body's choice."""
     arena = build_arena(world)
     arena.attach(body.mjcf()).add("freejoint")
     option = arena.option

@@ -15,7 +15,7 @@ QUADRUPEDS: dict[str, QuadrupedConfig] = {GO2.spec.name: GO2}
 
 
 def find_quadruped(name: str) -> QuadrupedConfig:
-    """The constants of the quadruped of that name.
+    """Find the constants of the quadruped of that name.
 
     Raises:
         UnknownName: If there is none; lists those there are.
@@ -26,7 +26,7 @@ def find_quadruped(name: str) -> QuadrupedConfig:
 
 
 def make_body(name: str) -> Body:
-    """The body of that name.
+    """Make the body of that name.
 
     Raises:
         UnknownName: If there is none; lists those there are.

@@ -42,7 +42,7 @@ class Rates:
     """Rates of the simulation's loops; each divides the one before it exactly.
 
     Raises:
-        BadArgument: If one does not.
+        BadArgument: If a rate does not divide the one before it.
     """
 
     physics: int = 300

@@ -1,1 +1,1 @@
-"""The bodies: MJCF, limits, actuation."""
+"""The bodies of the robots: MJCF, limits, actuation."""

@@ -7,7 +7,7 @@ from vuca_nav.errors import VucaError, how_to_install
 
 PACKAGE = "example-robot-data"
 ROBOTS_FOLDER = "cmeel.prefix/share/example-robot-data/robots"
-"""Inside site-packages: the wheel is built by cmeel, which installs under its own prefix."""
+"""Folder inside site-packages: the wheel is built by cmeel, which installs under its own prefix."""
 
 
 class MissingAsset(VucaError):
@@ -15,7 +15,7 @@ class MissingAsset(VucaError):
 
 
 def robots_folder() -> Path:
-    """The folder that holds one ``*_description`` folder a robot.
+    """Find the folder that holds one ``*_description`` folder a robot.
 
     Raises:
         MissingAsset: If the package is not installed, or not as pip installs it.
@@ -36,10 +36,10 @@ def robots_folder() -> Path:
 
 
 def asset(path: str) -> Path:
-    """A file of the package, e.g. ``"tiago_description/robots/tiago.urdf"``.
+    """Find a file of the package, e.g. ``"tiago_description/robots/tiago.urdf"``.
 
     Args:
-        path: Relative to the robots folder, or a URI ``package://example-robot-data/robots/...`` as URDFs use.
+        path: Path relative to the robots folder, or a URI ``package://example-robot-data/robots/...`` as URDFs use.
 
     Raises:
         MissingAsset: If there is no such file.

@@ -1,4 +1,4 @@
-"""The interface of a body: code above it does not know whether the robot has wheels or legs.
+"""The interface of a body: code above it does not depend on whether the robot has wheels or legs.
 
 A ``Body`` is a description; ``bind`` gives the object that drives it in one compiled model.
 """
@@ -23,7 +23,7 @@ class VisualPart:
     """A mesh with the body of the robot's MJCF that it is fixed to."""
 
     body: str
-    """Name inside the robot's own MJCF."""
+    """Name of that body inside the robot's own MJCF."""
     mesh: MeshPart
 
 
@@ -43,14 +43,14 @@ class BoundBody(ABC):
 
     @abstractmethod
     def start_odometry(self) -> None:
-        """Take here and now as the odometry's origin."""
+        """Take the present pose as the origin of the odometry."""
 
     @abstractmethod
     def apply(self, command: VelocityCommand) -> None:
         """Set the actuators for the next control step.
 
         Args:
-            command: Finite, but not limited: the body brings it within its limits.
+            command: A finite command; the body brings it within its limits.
         """
 
     @abstractmethod
@@ -59,7 +59,7 @@ class BoundBody(ABC):
 
     @abstractmethod
     def odometry(self, stamp: float) -> Odometry:
-        """The odometry after the last update.
+        """Estimate of the odometry after the last update.
 
         Args:
             stamp: Time of the estimate [s].
@@ -88,14 +88,14 @@ class Body(ABC):
 
     @abstractmethod
     def mjcf(self) -> RootElement:
-        """A new model of the robot alone, without its free joint."""
+        """Make a new model of the robot alone, without its free joint."""
 
     @abstractmethod
     def bind(self, model: mujoco.MjModel, data: mujoco.MjData, control_dt: float, noise: NoiseConfig) -> BoundBody:
         """Find the robot's joints, actuators and sensors in a compiled model.
 
         Args:
-            model: Holds the robot's MJCF, attached under its own name.
+            model: Compiled model that holds the robot's MJCF, attached under its own name.
             data: State of that model, kept for as long as the bound body lives.
             control_dt: Time between two commands [s].
             noise: Size of the sensors' errors.
@@ -103,4 +103,4 @@ class Body(ABC):
 
     @abstractmethod
     def visuals(self) -> tuple[VisualPart, ...]:
-        """The meshes of the robot, for telemetry."""
+        """Meshes of the robot, for telemetry."""

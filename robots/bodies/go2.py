@@ -20,11 +20,12 @@ FOOTPRINT = np.array(
 commands; a foot caught by a push or in a sharp turn at full speed comes out by up to 0.06 m."""
 
 ROTOR_INERTIA = 0.000111842
-"""About its axis: ``*_rotor`` of the URDF [kg m^2]."""
+"""Inertia of a rotor about its axis: ``*_rotor`` of the URDF [kg m^2]."""
 GEAR = 6.33
 """Gear ratio of hip and thigh: Unitree's GO-M8010-6 motor, data sheet."""
 KNEE_GEAR = GEAR * 45.43 / 23.7
-"""The knee's linkage turns as much slower as it is stronger, as the URDF's effort and velocity limits have it."""
+"""Gear ratio of the knee: its linkage turns as much slower as it is stronger, as the URDF's effort and velocity limits
+have it."""
 
 GO2 = QuadrupedConfig(
     spec=BodySpec(

@@ -11,7 +11,9 @@ STEEPEST = 0.1
 
 
 def heading_rate(gyro: FloatArray, up: FloatArray) -> float:
-    """Turn rate of base_link's x axis seen from above [rad/s]; on a leaning body it is not the spin about the vertical.
+    """Turn rate of base_link's x axis seen from above [rad/s].
+
+    On a leaning body it is not the spin about the vertical.
 
     Args:
         gyro: Angular velocity in base_link (3,) [rad/s].
@@ -22,7 +24,7 @@ def heading_rate(gyro: FloatArray, up: FloatArray) -> float:
 
 @njit(cache=True)
 def planar_pose(qpos):
-    """x, y, yaw of a free joint's position (7,): x, y, z and a unit quaternion w, x, y, z."""
+    """Compute x, y, yaw of a free joint's position (7,): x, y, z and a unit quaternion w, x, y, z."""
     w, x, y, z = qpos[3], qpos[4], qpos[5], qpos[6]
     return qpos[0], qpos[1], math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 

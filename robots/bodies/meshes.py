@@ -21,19 +21,19 @@ from vuca_nav.telemetry.interface import MeshPart
 from vuca_nav.types import FloatArray
 
 _FORMAT = "1"
-"""Changes when the thinning changes, so that old entries are not found."""
+"""Version of the thinning: it changes with it, so that old entries are not found."""
 _CELL = 0.008
-"""Vertices closer than this are merged [m]: TIAGo shrinks from 106,000 triangles to 25,000 and looks the same."""
+"""Distance below which vertices are merged [m]: TIAGo shrinks from 106,000 triangles to 25,000 and looks the same."""
 
 
 def cache_folder() -> Path:
-    """The folder of the converted meshes."""
+    """Folder of the converted meshes."""
     base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(base) / "vuca-nav" / "meshes"
 
 
 def load_mesh(file: Path, cell: float = _CELL) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Vertices (n, 3) [m] and triangles (m, 3) of an STL or DAE file, thinned out on a grid of ``cell`` metres.
+    """Load vertices (n, 3) [m] and triangles (m, 3) of an STL or DAE file, thinned out on a grid of ``cell`` metres.
 
     Raises:
         MissingAsset: If the file cannot be read as a mesh.
@@ -61,7 +61,7 @@ def load_mesh(file: Path, cell: float = _CELL) -> tuple[FloatArray, NDArray[np.i
 def merged_parts(
     urdf: Urdf, body_of_link: Mapping[str, str], positions: Mapping[str, float]
 ) -> list[tuple[str, MeshPart]]:
-    """The visuals of a robot as few parts: one for each body and colour.
+    """Merge the visuals of a robot into few parts: one for each body and colour.
 
     Args:
         urdf: The description.
@@ -103,7 +103,7 @@ def _geometry(visual: Visual) -> tuple[FloatArray, NDArray[np.int64]]:
 
 
 def _thinned(vertices: FloatArray, faces: NDArray[np.int64], cell: float) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Vertex clustering (Rossignac and Borrel 1993): a grid cell's vertices become their mean."""
+    """Thin out by vertex clustering (Rossignac and Borrel 1993): a cell's vertices become their mean."""
     keys = np.floor(vertices / cell).astype(np.int64)
     _, cluster, counts = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
     cluster = cluster.reshape(-1)

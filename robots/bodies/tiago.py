@@ -23,7 +23,7 @@ from vuca_nav.types import BodySpec, LidarSpec, Odometry, Pose2, VelocityCommand
 from worlds.mjcf import TOUCHES_FLOOR, TOUCHES_SCENE, RootElement
 
 URDF_FILE = "tiago_description/robots/tiago_no_hand.urdf"
-"""Without the Hey5 hand: tucked, the hand reaches 0.10 m beyond the base, the bare wrist does not."""
+"""Description without the Hey5 hand: tucked, the hand reaches 0.10 m beyond the base, the bare wrist does not."""
 
 TUCK = {
     "torso_lift_joint": 0.15,
@@ -35,12 +35,13 @@ TUCK = {
     "arm_6_joint": 1.37,
     "arm_7_joint": 0.0,
 }
-"""PAL's "home" motion, last point (tiago_bringup/config/motions/pmb2/tiago_motions_pal-hey5.yaml) [m, rad]."""
+"""Joint positions of the tucked arm: PAL's "home" motion, last point
+(tiago_bringup/config/motions/pmb2/tiago_motions_pal-hey5.yaml) [m, rad]."""
 
 WHEEL_RADIUS = 0.0985
-"""Collision cylinder of wheel_*_link [m]."""
+"""Radius of the drive wheels, from the collision cylinder of wheel_*_link [m]."""
 WHEEL_SEPARATION = 0.4044
-"""Twice the y of wheel_*_joint [m]."""
+"""Distance of the drive wheels, twice the y of wheel_*_joint [m]."""
 WHEEL_MAX_TORQUE = 6.0
 """Effort limit of wheel_*_joint [N m]."""
 WHEEL_MAX_SPEED = 10.152284264
@@ -49,25 +50,27 @@ WHEEL_GAIN = 4.0
 """Gain of the velocity servo [N m s/rad]. A wheel spinning free of the floor has 0.0084 kg m^2: at 300 Hz the servo is
 stable below 5.0. It only corrects; the torque for a wanted acceleration is fed forward."""
 WHEEL_FRICTION = 1.0
-"""Rubber on concrete."""
+"""Friction coefficient of rubber on concrete."""
 CASTERS = ((0.1535, 0.102), (0.1535, -0.102), (-0.1895, 0.102), (-0.1895, -0.102))
 """Contact points of the caster wheels, x and y in base_link [m]: caster_*_1_joint plus caster_*_2_joint."""
 CASTER_RADIUS = 0.025
-"""Collision sphere of caster_*_2_link [m]."""
+"""Radius of the casters, from the collision sphere of caster_*_2_link [m]."""
 CASTER_LIFT = 0.00015
 """Height of the casters above the URDF's [m], so that, as with the real base's sprung wheels, the drive wheels carry
 about half of the weight (a sixth each otherwise) and never slip."""
 
 MAX_V_X = 1.0
-"""linear.x.max_velocity of PAL's controller (pmb2_controller_configuration, mobile_base_controller.yaml) [m/s]."""
+"""Greatest forward velocity: linear.x.max_velocity of PAL's controller (pmb2_controller_configuration,
+mobile_base_controller.yaml) [m/s]."""
 MIN_V_X = -0.2
-"""linear.x.min_velocity, same file [m/s]."""
+"""Greatest backward velocity: linear.x.min_velocity, same file [m/s]."""
 MAX_A_X = 1.0
-"""linear.x.max_acceleration, same file [m/s^2]."""
+"""Greatest acceleration: linear.x.max_acceleration, same file [m/s^2]."""
 MAX_W_Z = 1.0
-"""Chosen [rad/s]. PAL allows 120 deg/s; at half of that the laser sweeps 2 degrees between scans, not 4."""
+"""Greatest turn rate, chosen [rad/s]. PAL allows 120 deg/s; at half of that the laser sweeps 2 degrees between scans,
+not 4."""
 MAX_A_W = math.radians(120.0)
-"""angular.z.max_acceleration, same file [rad/s^2]."""
+"""Greatest angular acceleration: angular.z.max_acceleration, same file [rad/s^2]."""
 
 FOOTPRINT = np.array(
     [
@@ -77,15 +80,15 @@ FOOTPRINT = np.array(
         (0.035, -0.269), (0.131, -0.243), (0.196, -0.206), (0.199, -0.203), (0.246, -0.122), (0.265, -0.051),
     ]
 )  # fmt: skip
-"""24-gon around the convex hull of all visual meshes, tucked, at any height [m]: the base's disc of 0.269 m, but for
-the upper arm on the right (0.284 m) and the shoulders (0.272 m)."""
+"""Footprint, a 24-gon around the convex hull of all visual meshes, tucked, at any height [m]: the base's disc of 0.269
+m, but for the upper arm on the right (0.284 m) and the shoulders (0.272 m)."""
 HEIGHT = 1.262
-"""Top of the head, tucked [m]."""
+"""Height of the top of the head, tucked [m]."""
 
 LIDAR = LidarSpec(height=0.0945)
-"""PMB2's laser stands at z = -0.004 m in base_link (pmb2_description/urdf/base/base_sensors.urdf.xacro). It sees 220
-degrees; ours is the merged scan of a front and a rear one, given from the base's axis, in which the base itself
-is not seen."""
+"""Lidar: PMB2's laser stands at z = -0.004 m in base_link (pmb2_description/urdf/base/base_sensors.urdf.xacro). It sees
+220 degrees; the model is the merged scan of a front and a rear one, given from the base's axis, in which the base
+itself is not seen."""
 
 SETTLE_TIME = 0.5
 """Time to sink into the contacts, by micrometres, and to come to rest [s]."""
@@ -100,8 +103,8 @@ _HULL = {
 """Collision shapes: type, centre in base_footprint (on the floor) and MuJoCo size [m]. Boxes and a cylinder around the
 links' visual meshes, kept within the footprint; the last 2 cm of the wrist, above the base, stick out of the arm's."""
 _FALLEN = math.cos(math.radians(30.0))
-"""Vertical part of the upward axis below which it cannot recover:
-with its mass centre 0.39 m high, it tips over forwards from 20 degrees, backwards from 28."""
+"""Vertical part of the upward axis below which the robot cannot recover: with its mass centre 0.39 m high, it tips over
+forwards from 20 degrees, backwards from 28."""
 
 
 @cache
@@ -276,7 +279,7 @@ class BoundTiago(BoundBody):
         return self._odometer.odometry(stamp)
 
     def has_fallen(self) -> bool:
-        """Whether it leans by more than 30 degrees."""
+        """Whether the robot leans by more than 30 degrees."""
         x, y = self._qpos[4], self._qpos[5]
         return 1.0 - 2.0 * (x * x + y * y) < _FALLEN
 

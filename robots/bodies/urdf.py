@@ -1,6 +1,6 @@
 """A small URDF reader: links, joints, inertias and visuals, forward kinematics, and the fusion of links.
 
-Only what a body needs to be built from a description. Format: http://wiki.ros.org/urdf/XML.
+It reads only what a body needs to be built from a description. Format: http://wiki.ros.org/urdf/XML.
 """
 
 import math
@@ -29,10 +29,10 @@ class Inertia:
     centre: FloatArray
     """Centre of mass, (3,) [m]."""
     tensor: FloatArray
-    """About the centre of mass, along the frame's axes, (3, 3) [kg m^2]."""
+    """Inertia about the centre of mass, along the frame's axes, (3, 3) [kg m^2]."""
 
     def transformed(self, a_from_b: FloatArray) -> "Inertia":
-        """The same piece of matter, given in frame a instead of b; ``a_from_b`` is (4, 4)."""
+        """Give the same inertia in frame a instead of b; ``a_from_b`` is (4, 4)."""
         rotation = a_from_b[:3, :3]
         return Inertia(self.mass, rotation @ self.centre + a_from_b[:3, 3], rotation @ self.tensor @ rotation.T)
 
@@ -44,7 +44,7 @@ class Inertia:
 
 
 def combine(inertias: Iterable[Inertia]) -> Inertia:
-    """One rigid body of several, all given in the same frame (parallel axis theorem)."""
+    """Combine several inertias in the same frame into one rigid body (parallel axis theorem)."""
     pieces = [piece for piece in inertias if piece.mass > 0.0]
     mass = sum(piece.mass for piece in pieces)
     if mass == 0.0:
@@ -62,7 +62,7 @@ class Visual:
     """The shape of a link: a mesh file, or a primitive."""
 
     link_from_visual: FloatArray
-    """(4, 4)"""
+    """Pose of the shape in the link, (4, 4)."""
     kind: str
     """"mesh", "box", "cylinder" or "sphere"."""
     size: tuple[float, ...]
@@ -75,7 +75,7 @@ class Visual:
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """A rigid piece."""
+    """A rigid link."""
 
     name: str
     inertia: Inertia
@@ -106,7 +106,7 @@ class Joint:
     """[rad or m]"""
 
     def transform(self, position: float) -> FloatArray:
-        """``parent_from_child`` at a joint position [rad or m], (4, 4)."""
+        """Compute ``parent_from_child`` at a joint position [rad or m], (4, 4)."""
         motion = np.eye(4)
         if self.kind == "prismatic":
             motion[:3, 3] = position * self.axis
@@ -128,11 +128,11 @@ class Urdf:
         object.__setattr__(self, "_joint_above", {joint.child: joint for joint in self.joints.values()})
 
     def transform(self, frame: str, link: str, positions: Mapping[str, float]) -> FloatArray:
-        """``frame_from_link`` at the given joint positions (others at zero), (4, 4)."""
+        """Compute ``frame_from_link`` at the given joint positions (others at zero), (4, 4)."""
         return np.linalg.inv(self._root_from(frame, positions)) @ self._root_from(link, positions)
 
     def fuse(self, frame: str, links: Iterable[str], positions: Mapping[str, float]) -> Inertia:
-        """Several links frozen into one body at the given joint positions; in link ``frame``'s frame."""
+        """Fuse links, frozen at the given joint positions, into one body in link ``frame``'s frame."""
         return combine(self.links[link].inertia.transformed(self.transform(frame, link, positions)) for link in links)
 
     def _root_from(self, link: str, positions: Mapping[str, float]) -> FloatArray:
@@ -258,7 +258,7 @@ def _numbers(text: str, count: int) -> FloatArray:
 
 
 def _axis_rotation(axis: FloatArray, angle: float) -> FloatArray:
-    """Rodrigues' formula; a zero axis gives the identity."""
+    """Rotation about an axis by Rodrigues' formula; a zero axis gives the identity."""
     length = float(np.linalg.norm(axis))
     if length == 0.0:
         return np.eye(3)

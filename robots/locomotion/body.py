@@ -34,7 +34,7 @@ class Quadruped(Body):
 
     Args:
         config: The robot's constants.
-        weights: File of its policy's weights; by default those shipped.
+        weights: File of the weights of its policy; by default those shipped.
 
     Raises:
         BadUrdf: If the robot's description lacks something.

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from vuca_nav.types import BodySpec, LidarSpec
 
 LEGS = ("FL", "FR", "RL", "RR")
-"""Front left, front right, rear left, rear right: the order of all arrays over legs."""
+"""Names of the legs, front left, front right, rear left, rear right: the order of all arrays over legs."""
 JOINTS_PER_LEG = ("hip", "thigh", "calf")
-"""Abduction, hip flexion and knee: the order of all arrays over a leg's joints."""
+"""Names of a leg's joints, abduction, hip flexion and knee: the order of all arrays over a leg's joints."""
 NUM_JOINTS = 12
 
 
@@ -18,7 +18,7 @@ class Trot:
     frequency: float = 2.0
     """Strides a second [Hz]."""
     duty: float = 0.55
-    """Share of a stride that a foot is on the ground."""
+    """Share of a stride for which a foot is on the ground."""
     swing_height: float = 0.09
     """Height of the foot over the ground in mid-swing [m]."""
     hip_height: float = 0.30
@@ -28,7 +28,7 @@ class Trot:
     ramp_time: float = 0.2
     """Time in which stepping fades in or out when the command leaves or reaches zero [s]."""
     deadband: float = 0.02
-    """Commands slower than this mean standing still [m/s]."""
+    """Speed of a command below which it means standing still [m/s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,23 +67,23 @@ class QuadrupedConfig:
     urdf: str
     """Path in example-robot-data."""
     base: str
-    """The trunk's link: base_link."""
+    """Name of the trunk's link, which is base_link."""
     leg_names: tuple[str, str, str, str]
     """The legs' names in the URDF, in the order of LEGS."""
     joint_names: tuple[str, str, str]
     """The joints' names in the URDF after the leg's name."""
     link_names: tuple[str, str, str, str]
-    """Hip, thigh, shank and foot after the leg's name."""
+    """Names of hip, thigh, shank and foot after the leg's name."""
     foot_radius: float
     """[m]"""
     foot_friction: tuple[float, float, float]
-    """Sliding, torsional [m] and rolling [m]."""
+    """Friction coefficients of the feet: sliding, torsional [m] and rolling [m]."""
     trunk_box: tuple[float, float, float]
     """Half sizes of the trunk's collision box [m]."""
     trunk_centre: tuple[float, float, float]
     """Centre of that box in base_link [m]."""
     head: tuple[Ball | Drum, ...]
-    """More shapes of the trunk's collision model."""
+    """Further shapes of the trunk's collision model."""
     hip: Drum
     """The collision shape of a left leg's hip link; those of the right legs are its mirror image."""
     limb_radii: tuple[float, float]
@@ -97,7 +97,7 @@ class QuadrupedConfig:
     joint_friction: float
     """Dry friction [N m]."""
     torque_limits: tuple[float, float, float]
-    """[N m]; checked against the URDF's."""
+    """Torque limits of the joints [N m]; checked against the URDF's."""
     speed_limits: tuple[float, float, float]
     """Joint speeds without load [rad/s]; checked against the URDF's."""
     full_torque_speed: float
@@ -117,11 +117,12 @@ class QuadrupedConfig:
     fall_height: float
     """Height of base_link over the floor below which the robot lies [m]."""
     side_slip: float
-    """Feet under load creep: the body drifts by so much times its centripetal acceleration, outwards [s]."""
+    """Sideways drift of the body, outwards, as a multiple of its centripetal acceleration [s]: feet under load
+    creep."""
     yaw_lever: float
-    """Turns rad/s into m/s when it is asked whether a command is slow [m]."""
+    """Lever that turns rad/s into m/s where a command is compared with the deadband [m]."""
     control_rate: int
     """Rate of the gait [Hz]."""
     trot: Trot
     weights: str
-    """File in robots/locomotion/weights."""
+    """Name of the file in robots/locomotion/weights."""

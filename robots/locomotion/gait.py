@@ -1,4 +1,4 @@
-"""The gait of a quadruped: from what it measures and a velocity command to its joints' targets, once a control step."""
+"""The gait of a quadruped: from measurements and a velocity command to the joints' targets, once a control step."""
 
 import math
 from enum import Enum, auto
@@ -31,7 +31,7 @@ STEADY_TIME = 0.4
 """Time on stiff legs before the policy takes over [s]."""
 START_UP_TIME = FOLD_TIME + RISE_TIME + STEADY_TIME
 FALLEN_UP = math.cos(math.radians(50.0))
-"""Vertical part of the trunk's upward axis below which it is falling."""
+"""Vertical part of the trunk's upward axis below which the robot is falling."""
 FALLEN_TICKS = 3
 """Number of control steps in a row below it that count as a fall; a single one may be a bad sample."""
 
@@ -40,7 +40,7 @@ class Mode(Enum):
     """Mode of the legs."""
 
     STARTING = auto()
-    """Lying, then rising; commands are ignored."""
+    """The robot lies, then rises; commands are ignored."""
     WALKING = auto()
     """The policy is in charge; it stands still at a zero command."""
     FALLEN = auto()
@@ -55,9 +55,9 @@ class GaitState(NamedTuple):
     command: FloatArray
     """Velocity command behind the slew limit (3,) [m/s, m/s, rad/s]."""
     clock: FloatArray
-    """Phase and how far stepping has faded in, 0-1 (2,)."""
+    """Phase of the gait, and share of stepping that has faded in, 0-1 (2,)."""
     trim: FloatArray
-    """Integral of what is missing of the command (3,)."""
+    """Integral of the difference of command and velocity (3,)."""
     asked: FloatArray
     """Command plus trim (3,)."""
     lifts: FloatArray
@@ -110,7 +110,7 @@ class Gait:
 
     Args:
         model: The robot.
-        policy: Corrects the nominal trot.
+        policy: Policy that corrects the nominal trot.
         control_dt: Time between two calls of ``step`` [s].
 
     Attributes:
@@ -118,7 +118,7 @@ class Gait:
         state: Memory of the gait from a control step to the next.
         velocity: Estimate of the body's velocity, forward and left (2,) [m/s].
         leg_velocity: The velocity that the standing legs measure now, unfiltered (2,) [m/s].
-        worth: Share of the weight on these legs, 0-1: how much ``leg_velocity`` is worth.
+        worth: Share of the weight on the standing legs, 0-1, by which ``leg_velocity`` is weighted.
     """
 
     def __init__(self, model: QuadrupedModel, policy: PolicyNetwork, control_dt: float):
@@ -166,10 +166,10 @@ class Gait:
     def step(
         self, command: VelocityCommand, gyro: FloatArray, up: FloatArray, q: FloatArray, dq: FloatArray
     ) -> FloatArray:
-        """Joint targets (12,) [rad] for the next control step, from the sample just measured; borrowed.
+        """Compute joint targets (12,) [rad] for the next control step, from the sample just measured; borrowed.
 
         Raises:
-            BadObservation: If the command is not finite, whatever the mode; what was asked before stays as it was.
+            BadObservation: If the command is not finite, whatever the mode; the last command stays.
         """
         if not (math.isfinite(command[0]) and math.isfinite(command[1]) and math.isfinite(command[2])):
             raise BadObservation(f"velocity command is not finite: {tuple(command)}")

@@ -13,7 +13,8 @@ from numba import njit
 from robots.locomotion.legs import foot_jacobian, foot_position, leg_angles
 
 OBSERVATION_SIZE = 49
-"""gyro 3, up 3, command 3, joint angles 12, joint speeds 12, last action 12, clock 2, estimated velocity 2."""
+"""Size of the observation: gyro 3, up 3, command 3, joint angles 12, joint speeds 12, last action 12, clock 2,
+estimated velocity 2."""
 ACTION_SIZE = 12
 RATE_SCALE = 0.05
 """Scale of joint speeds in the observation [s/rad]."""
@@ -32,7 +33,7 @@ LEVELLING_LIMIT = 0.2
 
 
 class Tuning(NamedTuple):
-    """The numbers of a QuadrupedConfig that the kernels need."""
+    """Numbers of a QuadrupedConfig that the kernels need."""
 
     dt: float
     frequency: float
@@ -47,7 +48,7 @@ class Tuning(NamedTuple):
     weight: float
     """Weight of the robot [N]."""
     max_torque: np.ndarray
-    """(3,) [N m]"""
+    """Torque limits of a leg's joints (3,) [N m]."""
     stall_torque: np.ndarray
     """Torque at standstill on the straight line of torque against speed (3,) [N m]."""
     no_load_speed: np.ndarray
@@ -57,17 +58,17 @@ class Tuning(NamedTuple):
     nominal: np.ndarray
     """Joint angles when standing (12,) [rad]."""
     action_scale: np.ndarray
-    """(12,) [rad]"""
+    """Change of a joint's target by an action of one (12,) [rad]."""
     lower: np.ndarray
-    """(12,) [rad]"""
+    """Lower limits of the joints (12,) [rad]."""
     upper: np.ndarray
-    """(12,) [rad]"""
+    """Upper limits of the joints (12,) [rad]."""
     fall_height: float
     """Height of base_link over the floor below which the robot lies [m]."""
     side_slip: float
-    """See QuadrupedConfig [s]."""
+    """Sideways drift, see QuadrupedConfig [s]."""
     yaw_lever: float
-    """See QuadrupedConfig [m]."""
+    """Lever of the turn rate, see QuadrupedConfig [m]."""
 
 
 @njit(cache=True)
@@ -77,7 +78,7 @@ def advance_clock(tuning, wanted, command, clock):
     Args:
         tuning: The gait's constants.
         wanted: (3,) v_x, v_y, w_z.
-        command: (3,) what is asked of the policy; changed.
+        command: (3,) command to the policy; changed.
         clock: (2,) phase 0-1 and how far stepping has faded in, 0-1; changed.
     """
     for i in range(3):
@@ -98,9 +99,9 @@ def advance_trim(tuning, command, clock, velocity, yaw_rate, trim, asked):
         command: (3,) after the slew limit.
         clock: (2,); standing still, the trim fades.
         velocity: (2,) as estimated.
-        yaw_rate: As measured.
+        yaw_rate: Turn rate as measured [rad/s].
         trim: (3,) added to the command; changed.
-        asked: (3,) command plus trim: what the trot and the policy are given.
+        asked: (3,) command plus trim, the input of trot and policy; changed.
     """
     for i in range(3):
         if clock[1] == 1.0:
@@ -127,7 +128,7 @@ def level_trunk(legs, tuning, up, tilt, lifts):
         legs: The legs' dimensions.
         tuning: The gait's constants.
         up: (3,) the vertical in base_link.
-        tilt: (2,) what is taken away of it, forward and left [rad]; changed.
+        tilt: (2,) tilt that is levelled, forward and left [rad]; changed.
         lifts: (4,) how much higher than in the nominal trot each foot is [m]; changed.
     """
     for i in range(2):
@@ -139,7 +140,7 @@ def level_trunk(legs, tuning, up, tilt, lifts):
 
 @njit(cache=True)
 def trot_angles(legs, tuning, command, clock, lifts, out):
-    """Joint angles of the nominal trot, the feet higher by ``lifts`` (4,) [m]. out: (12,) [rad].
+    """Compute joint angles of the nominal trot, the feet higher by ``lifts`` (4,) [m]. out: (12,) [rad].
 
     In stance a foot goes back over the ground on the arc of the commanded twist; in swing it
     returns, lifted along a half sine of its phase. The servos are soft: a standing leg's targets are ahead of its
@@ -219,7 +220,7 @@ def foot_motion(legs, leg, q, dq, gyro, up, torque, out):
     # torque = -J^T force, so up . force = -(J^-1 up) . torque, by Cramer's rule.
     a, b, e = jacobian[:, 0], jacobian[:, 1], jacobian[:, 2]
     det = _triple(a, b, e)
-    if abs(det) < 1e-5:  # a stretched leg: nothing can be said
+    if abs(det) < 1e-5:  # a stretched leg gives no force
         return 0.0
     return -(
         _triple(up, b, e) * torque[0] + _triple(a, up, e) * torque[1] + _triple(a, b, up) * torque[2]
@@ -240,7 +241,7 @@ def leg_velocity(legs, tuning, gyro, up, q, dq, targets, last_targets, out):
     The result is in the heading frame: base_link's x axis, levelled.
 
     Returns:
-        Share of the robot's weight on the feet, at most 1: how much the answer is worth.
+        Share of the robot's weight on the feet, at most 1, by which the result is weighted.
     """
     carried, total, v0, v1, v2 = 0.0, 0.0, 0.0, 0.0, 0.0
     torque, velocity = np.empty(3), np.empty(3)
@@ -301,7 +302,7 @@ def fill_observation(tuning, gyro, up, command, q, dq, action, clock, velocity, 
 
 @njit(cache=True)
 def joint_targets(legs, tuning, command, clock, lifts, action, out):
-    """Nominal trot plus the policy's correction, within the joints' limits. out: (12,) [rad].
+    """Add the policy's correction to the nominal trot, within the joints' limits. out: (12,) [rad].
 
     The policy does without the lifts of the start-up: they fade.
     """

@@ -18,22 +18,22 @@ from vuca_nav.types import FloatArray
 
 
 class Legs(NamedTuple):
-    """Where the legs are and how long."""
+    """Positions and dimensions of the legs."""
 
     hips: FloatArray
     """Abduction axes in base_link, (4, 3) [m]."""
     offsets: FloatArray
     """Signed sideways offset of a leg's plane from its abduction axis, (4,) [m]."""
     thigh: float
-    """[m]"""
+    """Length from the hip to the knee [m]."""
     shank: float
-    """To the foot's centre [m]."""
+    """Length from the knee to the foot's centre [m]."""
     foot_radius: float
     """[m]"""
 
 
 def legs_of(config: QuadrupedConfig, urdf: Urdf) -> Legs:
-    """The legs' dimensions as the URDF has them.
+    """Read the legs' dimensions from the URDF.
 
     Raises:
         BadUrdf: If a joint is missing, does not turn, turns about another axis than a leg of this kind has or without
@@ -66,7 +66,7 @@ def _check_joint(urdf: Urdf, joint: Joint, axis: tuple[int, int, int]) -> None:
 
 
 def _check_tree(base: str, urdf: Urdf) -> None:
-    """Each link must hang on the base, or its mass would be nobody's."""
+    """Check that each link hangs on the base, or its mass would be lost."""
     parent_of = {joint.child: joint.parent for joint in urdf.joints.values()}
     for link in urdf.links:
         above = link
@@ -77,7 +77,7 @@ def _check_tree(base: str, urdf: Urdf) -> None:
 
 
 def joint_of(urdf: Urdf, leg: str, name: str) -> Joint:
-    """A leg's joint, e.g. ``FL_thigh_joint``.
+    """Find a leg's joint, e.g. ``FL_thigh_joint``.
 
     Raises:
         BadUrdf: If the URDF lacks it; lists those it has.
@@ -91,7 +91,7 @@ def joint_of(urdf: Urdf, leg: str, name: str) -> Joint:
 
 @njit(cache=True)
 def foot_position(legs, leg, q, out):
-    """Centre of a foot in base_link. q: the leg's three angles. out: (3,)."""
+    """Compute the centre of a foot in base_link. q: the leg's three angles. out: (3,)."""
     x = -legs.thigh * math.sin(q[1]) - legs.shank * math.sin(q[1] + q[2])
     h = legs.thigh * math.cos(q[1]) + legs.shank * math.cos(q[1] + q[2])
     d, c, s = legs.offsets[leg], math.cos(q[0]), math.sin(q[0])
@@ -102,7 +102,7 @@ def foot_position(legs, leg, q, out):
 
 @njit(cache=True)
 def foot_jacobian(legs, leg, q, out):
-    """Of ``foot_position`` by the leg's angles. out: (3, 3)."""
+    """Compute the Jacobian of ``foot_position`` by the leg's angles. out: (3, 3)."""
     x = -legs.thigh * math.sin(q[1]) - legs.shank * math.sin(q[1] + q[2])
     h = legs.thigh * math.cos(q[1]) + legs.shank * math.cos(q[1] + q[2])
     dx, dh = -legs.shank * math.cos(q[1] + q[2]), -legs.shank * math.sin(q[1] + q[2])
@@ -114,7 +114,10 @@ def foot_jacobian(legs, leg, q, out):
 
 @njit(cache=True)
 def leg_angles(legs, leg, x, y, z, out):
-    """Inverse kinematics, knee backwards; a point out of reach is approached. x, y, z in base_link. out: (3,)."""
+    """Solve the inverse kinematics, knee backwards, for a point x, y, z in base_link. out: (3,).
+
+    A point out of reach is approached.
+    """
     x, y, z = x - legs.hips[leg, 0], y - legs.hips[leg, 1], z - legs.hips[leg, 2]
     d = legs.offsets[leg]
     h = math.sqrt(max(y * y + z * z - d * d, 1e-6))

@@ -18,23 +18,23 @@ from worlds.mjcf import TOUCHES_FLOOR, TOUCHES_SCENE, Element, RootElement
 
 GRAVITY = 9.81
 SERVO_KP, SERVO_KD, SERVO_SUPPLY = 4, 6, 7
-"""Places in ``actuator_gainprm``, as MuJoCo's DC motor has them."""
+"""Indices into ``actuator_gainprm``, as MuJoCo's DC motor has them."""
 _SUPPLY = 1.0
-"""Of the motors: any will do, as only torques and speeds matter [V]."""
+"""Supply of the motors: any will do, as only torques and speeds matter [V]."""
 _MAX_LATENCY_STEPS = 32
-"""Of physics, that the model can remember."""
+"""Greatest latency that the model can remember, in steps of the physics."""
 _TRUNK_BIT, _LEG_BITS = 4, (8, 16, 32, 64)
 """``contype`` bits after those of worlds.mjcf. A leg collides with the trunk and with the other legs, not with itself:
 neighbours overlap."""
 
 
 def joint_names() -> list[str]:
-    """Of the model's joints, actuators and encoders, in the order of an action."""
+    """Names of the model's joints, actuators and encoders, in the order of an action."""
     return [f"{leg}_{joint}" for leg in LEGS for joint in JOINTS_PER_LEG]
 
 
 class QuadrupedModel:
-    """What is derived from the constants and the URDF, once.
+    """Everything that is derived from the constants and the URDF, once.
 
     Raises:
         BadUrdf: If the URDF lacks a link or a joint, or contradicts the constants.
@@ -89,11 +89,11 @@ class QuadrupedModel:
         return tuning
 
     def mjcf(self, *, touch: bool = False, delayed: bool = True) -> RootElement:
-        """A new model of the robot alone, without its free joint.
+        """Make a new model of the robot alone, without its free joint.
 
         Args:
-            touch: With sensors of the feet's contact forces, for training; the gait does not use them.
-            delayed: Targets reach the servos late by the config's latency; else at once.
+            touch: Add sensors of the feet's contact forces, for training; the gait does not use them.
+            delayed: Let targets reach the servos late by the config's latency; else at once.
         """
         config = self.config
         root = RootElement(model=config.spec.name)
@@ -124,7 +124,7 @@ class QuadrupedModel:
         touches = {"contype": TOUCHES_SCENE | TOUCHES_FLOOR, "conaffinity": 0, "group": 3}
         touches_legs = touches | {
             "contype": TOUCHES_SCENE | TOUCHES_FLOOR | _LEG_BITS[i],
-            "conaffinity": sum(_LEG_BITS[:i], _TRUNK_BIT),  # of two geoms, one has to want the other
+            "conaffinity": sum(_LEG_BITS[:i], _TRUNK_BIT),  # one of two geoms has to name the other
         }
         delay = {"delay": config.latency, "nsample": _MAX_LATENCY_STEPS} if delayed else {}
         side = (0.0, float(legs.offsets[i]), 0.0)
@@ -175,7 +175,7 @@ class QuadrupedModel:
         }  # fmt: skip
 
     def bodies(self) -> dict[str, tuple[str, list[str]]]:
-        """For each body of the MJCF the URDF's link it is and the links fused into it."""
+        """Link of the URDF that each body of the MJCF is, and the links fused into it."""
         moving = {self.config.base: "base_link"}
         for leg, own in zip(LEGS, self.config.leg_names):
             for joint, name in zip(JOINTS_PER_LEG, self.config.joint_names):

@@ -1,4 +1,4 @@
-"""The policy as it is shipped: a small multilayer perceptron in a safetensors file, evaluated without torch."""
+"""The shipped policy: a small multilayer perceptron in a safetensors file, evaluated without torch."""
 
 import json
 import math
@@ -32,11 +32,11 @@ CLIP = 10.0
 
 
 class BadObservation(VucaError):
-    """An observation that is not finite: no action can be trusted."""
+    """An observation that is not finite, so that no action can be trusted."""
 
 
 def gait_contract(config: QuadrupedConfig) -> str:
-    """The constants that a policy was trained with and must run with, as text for the weights' metadata."""
+    """Constants that a policy was trained with and must run with, as text for the weights' metadata."""
     spec = config.spec
     gait = {
         "kp": config.kp, "kd": config.kd, "action_scale": config.action_scale, "control_rate": config.control_rate,
@@ -52,9 +52,9 @@ class Layers(NamedTuple):
     """A policy's tensors with the memory for one evaluation, all of float32, as the kernels take them."""
 
     mean: NDArray[np.float32]
-    """Subtracted from the observation (OBSERVATION_SIZE,)."""
+    """Mean, which is subtracted from the observation (OBSERVATION_SIZE,)."""
     scale: NDArray[np.float32]
-    """Multiplied with what remains (OBSERVATION_SIZE,)."""
+    """Factor on the difference (OBSERVATION_SIZE,)."""
     weights_0: NDArray[np.float32]
     """First hidden layer (inputs, outputs)."""
     weights_1: NDArray[np.float32]
@@ -67,11 +67,11 @@ class Layers(NamedTuple):
     inputs: NDArray[np.float32]
     """Scratch: the normalised observation (OBSERVATION_SIZE,)."""
     hidden_0: NDArray[np.float32]
-    """Scratch."""
+    """Scratch: the first hidden layer."""
     hidden_1: NDArray[np.float32]
-    """Scratch."""
+    """Scratch: the second hidden layer."""
     outputs: NDArray[np.float32]
-    """Scratch (ACTION_SIZE,)."""
+    """Scratch: the outputs (ACTION_SIZE,)."""
 
 
 class PolicyNetwork:
@@ -81,7 +81,7 @@ class PolicyNetwork:
         tensors: ``mean``, ``scale`` (inputs,), then ``weight_k`` (outputs, inputs) and ``bias_k`` for k = 0, 1, 2.
 
     Attributes:
-        layers: The same, for :func:`forward`.
+        layers: The same tensors, for :func:`forward`.
     """
 
     def __init__(self, tensors: dict[str, NDArray[np.float32]]):
@@ -92,10 +92,10 @@ class PolicyNetwork:
         self.layers = Layers(tensors["mean"], tensors["scale"], *weights, *biases, *scratch)
 
     def __call__(self, observation: NDArray[np.float64], action: NDArray[np.float64]) -> None:
-        """The policy's mean action for an observation (OBSERVATION_SIZE,), into ``action`` (ACTION_SIZE,).
+        """Compute the policy's mean action for an observation (OBSERVATION_SIZE,), into ``action`` (ACTION_SIZE,).
 
         Raises:
-            BadObservation: If a number is not finite, or what comes of it is not; says which. The action is left alone.
+            BadObservation: If a number is not finite, or the result is not; says which. The action is left alone.
         """
         refuse_bad(forward(observation, action, self.layers), observation)
 
@@ -114,8 +114,8 @@ def load_policy(config: QuadrupedConfig, path: Path | None = None) -> PolicyNetw
     """Read a robot's policy.
 
     Args:
-        config: The robot.
-        path: Of the weights; by default those shipped.
+        config: Constants of the robot.
+        path: File of the weights; by default those shipped.
 
     Raises:
         BadWeights: If the file is missing, is not safetensors, lacks a tensor or has one of another shape or

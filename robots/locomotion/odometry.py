@@ -1,4 +1,4 @@
-"""Dead reckoning of a walking robot: distance from its standing legs, heading from the gyro."""
+"""Dead reckoning of a quadruped: distance from its standing legs, heading from the gyro."""
 
 import math
 from typing import NamedTuple
@@ -20,26 +20,26 @@ _NUM_NORMAL = 29
 
 
 class SensorFlaws(NamedTuple):
-    """The errors of an episode, and the sizes of those of a sample."""
+    """Errors of an episode, and sizes of the errors of a sample."""
 
     gyro_scale: FloatArray
-    """(3,)"""
+    """Factors of the gyro's scale (3,)."""
     gyro_bias: FloatArray
-    """(3,) [rad/s]"""
+    """Bias of the gyro (3,) [rad/s]."""
     gyro_sigma: float
-    """[rad/s]"""
+    """Noise of the gyro, a standard deviation [rad/s]."""
     pitch: float
-    """[rad]"""
+    """Error of the pitch [rad]."""
     roll: float
-    """[rad]"""
+    """Error of the roll [rad]."""
     tilt_noise: float
-    """[rad]"""
+    """Noise of pitch and roll, a standard deviation [rad]."""
     zeros: FloatArray
     """Errors of the joints' zeros (12,) [rad]."""
     angle_noise: float
-    """[rad]"""
+    """Noise of the joint angles, a standard deviation [rad]."""
     speed_noise: float
-    """[rad/s]"""
+    """Noise of the joint speeds, a standard deviation [rad/s]."""
 
 
 class SensorReadings(NamedTuple):
@@ -85,10 +85,10 @@ class LegSensors:
         """Read the sensors.
 
         Args:
-            gyro: (3,) [rad/s].
-            attitude: Of base_link in the world, unit quaternion w, x, y, z.
-            q: (12,) [rad].
-            dq: (12,) [rad/s].
+            gyro: True angular velocity in base_link (3,) [rad/s].
+            attitude: Attitude of base_link in the world, unit quaternion w, x, y, z.
+            q: True joint angles (12,) [rad].
+            dq: True joint speeds (12,) [rad/s].
         """
         if self._next == _BLOCK:
             self._rng.standard_normal(out=self._normal)
@@ -137,11 +137,11 @@ class LegOdometer:
         self._v_x = self._v_y = 0.0
 
     def update(self, velocity: FloatArray, gyro: FloatArray, up: FloatArray) -> None:
-        """One step, ``dt`` after the last one.
+        """Integrate one step, ``dt`` after the last one.
 
         Args:
-            velocity: Forward and left along the floor (2,) [m/s].
-            gyro: As measured (3,) [rad/s].
+            velocity: Velocity forward and left along the floor (2,) [m/s].
+            gyro: Angular velocity as measured (3,) [rad/s].
             up: The vertical in base_link, as measured (3,).
         """
         rate = heading_rate(gyro, up)
