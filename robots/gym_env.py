@@ -115,7 +115,7 @@ class NavigationEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         """Carry out an action.
 
         Args:
-            action: v_x, v_y, w_z; what is beyond the body's limits is clipped.
+            action: v_x, v_y, w_z; clipped to the body's limits.
 
         Raises:
             BadArgument: If it is not three finite numbers.

@@ -47,7 +47,8 @@ class Physics:
     Attributes:
         model: The robot on an empty floor.
         data: State of ``model``: positions, velocities, controls and sensors of the robot are always those of the
-            last step. What MuJoCo derives from them is that of the last step out of reach of the scene.
+            last step. Quantities that MuJoCo derives from them are those of the last step out of
+            reach of the scene.
     """
 
     def __init__(self, world: World, body: Body, rate: float):

@@ -140,7 +140,7 @@ class Simulation:
         self.fallen, self.clearance = False, math.inf
 
     def reset(self) -> tuple[Scan, Odometry]:
-        """Put everything back to the start, the noise included, and take the first scan."""
+        """Return to the start, the noise included, and take the first scan."""
         self._physics.reset()
         self._lidar_noise = LidarNoise(self.body.lidar, self._noise, self._rng(0))
         self._movers.reset()

@@ -1,1 +1,1 @@
-"""Training: what needs torch. Nothing that runs a mission imports it."""
+"""Training: all code that needs torch. No code that runs a mission imports it."""

@@ -101,7 +101,8 @@ class QuadrupedConfig:
     speed_limits: tuple[float, float, float]
     """Joint speeds without load [rad/s]; checked against the URDF's."""
     full_torque_speed: float
-    """Share of that speed up to which a motor gives its full torque; from there it falls to none in a straight line."""
+    """Share of the speed without load up to which a motor gives its full torque; from there it falls to none in a
+    straight line."""
     latency: float
     """Delay from a measurement until its targets reach the servos, in the simulation [s]."""
     kp: float

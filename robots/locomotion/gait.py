@@ -91,7 +91,7 @@ def _estimate(legs, tuning, gyro, up, q, dq, state):
 
 @njit(cache=True)
 def _walk(legs, tuning, gyro, up, q, dq, yaw_rate, state, layers):
-    """Set the joints' targets for one control step of walking; returns what ``forward`` returns."""
+    """Set the joints' targets for one control step of walking; returns the result of ``forward``."""
     advance_clock(tuning, state.wanted, state.command, state.clock)
     advance_trim(tuning, state.command, state.clock, state.velocity, yaw_rate, state.trim, state.asked)
     fill_observation(

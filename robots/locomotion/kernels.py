@@ -144,7 +144,7 @@ def trot_angles(legs, tuning, command, clock, lifts, out):
 
     In stance a foot goes back over the ground on the arc of the commanded twist; in swing it
     returns, lifted along a half sine of its phase. The servos are soft: a standing leg's targets are ahead of its
-    angles by what carrying its share of the weight takes.
+    angles by as much as carrying its share of the weight takes.
     """
     stance_time = tuning.duty / tuning.frequency
     standing = 0
@@ -237,7 +237,8 @@ def leg_velocity(legs, tuning, gyro, up, q, dq, targets, last_targets, out):
     """Compute the body's velocity along the floor from the standing feet. out: (2,) forward, left [m/s].
 
     Each foot counts by the cube of the force it carries. Targets reach the servos up to a control step late, so it is
-    not known which ones a measurement was made under: a foot carries what both the present and the last ones say.
+    not known which ones a measurement was made under: a foot carries the force that both the present and the last ones
+    give.
     The result is in the heading frame: base_link's x axis, levelled.
 
     Returns:

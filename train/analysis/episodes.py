@@ -55,7 +55,7 @@ class Evaluation:
 
     Args:
         config: Settings of the episodes. Unless it names layouts of its own, those for evaluation are taken.
-        observer_config: What the policy sees; episodes do not depend on it.
+        observer_config: Observation of the policy; episodes do not depend on it.
         episodes: Number of episodes.
         seed: Seed of the episodes.
         threads: Number of threads that step them.

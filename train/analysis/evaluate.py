@@ -201,7 +201,7 @@ def evaluate(arguments: EvaluateArguments) -> dict:
 
 
 def _policies(arguments: EvaluateArguments) -> dict[str, PolicyWeights]:
-    """Policies by the names of their rows, once all arguments are checked; raises what ``evaluate`` does."""
+    """Policies by the names of their rows, once all arguments are checked; raises the errors of ``evaluate``."""
     for name, least in (("episodes", 1), ("threads", 1), ("seed", 0)):
         if getattr(arguments, name) < least:
             raise BadArgument(f"--{name} must be {least} or more, got {getattr(arguments, name)}")

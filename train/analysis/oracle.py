@@ -1,4 +1,4 @@
-"""Bound on what any policy can do: the evaluation's episodes solved by a disc that knows all futures.
+"""Bound on any policy: the evaluation's episodes solved by a disc with knowledge of all futures.
 
 ``python -m train.analysis.oracle --kind dynamic --episodes 1000``
 """

@@ -65,7 +65,7 @@ def markdown(results: dict, worlds: Sequence[str], episodes: int, seed: int) -> 
     """Write the results as tables in Markdown.
 
     Args:
-        results: As ``evaluate`` returns them.
+        results: Results of ``evaluate``.
         worlds: Kinds of worlds, a table each.
         episodes: Number of episodes in each kind of world.
         seed: Seed of the episodes.

@@ -1,7 +1,7 @@
 """Response of a body's velocity to its command: gain, lag, delay and noise of each axis, identified in MuJoCo.
 
 The training arena moves its robots by this model; evaluation runs the body itself. Run as
-``python -m train.analysis.response --robot go2 --out DIR``; what it writes is kept as robots/bodies/responses/go2.json.
+``python -m train.analysis.response --robot go2 --out DIR``; its result is kept as robots/bodies/responses/go2.json.
 """
 
 import json
@@ -64,7 +64,7 @@ def excite(body: Body, axis: int, seed: int, seconds: float = 60.0) -> tuple[Flo
     """Command steps, then a chirp, on one axis, with the others at rest.
 
     Returns:
-        Command (n,) and the velocity that came of it over the same tick (n,).
+        Command (n,) and the velocity over the same tick (n,).
     """
     spec = body.spec
     low, high = ((spec.min_v_x, spec.max_v_x), (-spec.max_v_y, spec.max_v_y), (-spec.max_w_z, spec.max_w_z))[axis]

@@ -1,7 +1,7 @@
 """The situation of each robot of the arena by the ground truth: for analyses, as no robot has it.
 
-One label a decision. Where several fit, the first of sudden mover, known mover, dead end, tight passage is taken: what
-leaves the least time comes first, and then what leaves the fewest ways.
+One label a decision. Where several fit, the first of sudden mover, known mover, dead end, tight passage is taken: the
+one that leaves the least time comes first, then the one that leaves the fewest directions.
 """
 
 import math
@@ -25,7 +25,7 @@ OPEN_FLOOR, TIGHT_PASSAGE, SUDDEN_MOVER, DEAD_END, KNOWN_MOVER, OTHER = range(6)
 """Indices into ``SITUATIONS``."""
 NEAR = 1.5
 """Clearance up to which an obstacle is near [m]: TIAGo and Go2 stop within a third of it at full speed, and with space
-for a turn on top nothing beyond it asks for anything but going on."""
+for a turn on top, no obstacle beyond it calls for another command."""
 ROOM = 2.0 * NEAR_RANGE
 """Greatest clearance left and right of the body together in a tight passage [m]: in its middle less than the 0.6 m on
 either side at which R_o and ARSPS begin to count."""

@@ -40,7 +40,7 @@ class Arena:
 
     Args:
         config: Settings of the episodes.
-        observer_config: What the robots see.
+        observer_config: Observation of the robots.
         n: Number of robots.
         seed: Seed of all episodes; the layouts have their own, ``config.world_seed``.
         threads: Number of threads that step the rows; more than there are cores is no use.
@@ -130,7 +130,7 @@ class Arena:
         """Carry out one decision.
 
         Args:
-            action: (n, 3) shares of the body's limits in [-1, 1]; what is beyond is clipped.
+            action: (n, 3) shares of the body's limits in [-1, 1]; values beyond are clipped.
 
         Raises:
             BadArgument: If an action is not finite or the shape is wrong.

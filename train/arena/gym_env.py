@@ -89,14 +89,14 @@ def make_arena_env(
         body: Only this body, one of ``train.arena.config.BODY_KINDS``.
         rewards: Column of Table I of Zhang et al.
         config: All other settings of the episodes; by default those that policies are trained in.
-        observation: What the robots see; by default what those of the paper see.
+        observation: Observation of the robots; by default that of the paper.
         threads: Number of threads that step the rows; episodes do not depend on them.
 
     Raises:
         BadArgument: If there is no such kind or body, or a number is out of its range.
         UnknownName: If there is no such column of rewards.
     """
-    find_rewards(rewards)  # worlds take longer
+    find_rewards(rewards)  # checked first: worlds take longer
     config = config or ArenaConfig()
     config = config if kind is None else config.of(kind)
     config = config if body is None else config.driven_by(body)

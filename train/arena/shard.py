@@ -66,7 +66,7 @@ class Shard:
 
     Args:
         config: Settings of the arena.
-        observer_config: What is observed.
+        observer_config: Observation of the robots.
         bank: The layouts, shared by all shards.
         bodies: The bodies, shared by all shards.
         atlas: An observer with a row for each of the bodies.

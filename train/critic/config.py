@@ -22,13 +22,13 @@ class CriticConfig:
     passes: int = 3
     """Passes over a round's observations, before the next round."""
     spacing: int = 5
-    """Decisions from one observation that is learnt from to the next."""
+    """Decisions between two observations that are learnt from."""
     sent: float = 0.7
     """Share of the episodes in which the robot is given another goal ..."""
     sent_elsewhere: tuple[int, int] = (3, 50)
     """... and the first decision at which that happens, and one past the last."""
     time: float = 6.0
-    """Time constant [s]: a meeting after t seconds counts as exp(-t / time), as what is farther off may change."""
+    """Time constant [s]: a meeting after t seconds counts as exp(-t / time), as the distant future may change."""
     hidden: int = 128
     """Units of both hidden layers."""
     minibatch: int = 4096

@@ -102,7 +102,7 @@ def judge(network: nn.Module, samples: Samples) -> dict:
 
     Returns:
         Cross entropy, that of a baseline that gives everything the average chance, and for each of ``BINS`` equal
-        ranges of the chance how many there were, their mean chance and the mean of what came.
+        ranges of the chance their number, their mean chance and the mean outcome.
     """
     with torch.no_grad():
         logits, safety = network(torch.from_numpy(samples.observations)), torch.from_numpy(samples.safety)

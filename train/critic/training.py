@@ -2,7 +2,7 @@
 
 A trained policy drives through the arena, now and then sent elsewhere on its way, so that observations come
 with goals in all directions; for every observation the critic learns whether a mover was met before the goal was
-reached. It is asked the same of frontiers (``vuca_nav.exploration.critic``).
+reached. The same is computed for frontiers (``vuca_nav.exploration.critic``).
 """
 
 import contextlib

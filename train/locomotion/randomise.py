@@ -87,7 +87,7 @@ def randomise_robot(
 ) -> None:
     """Make a model's robot a random variant of ``base``'s; see ``randomise``."""
     _draw_robot(model, base, ranges, rng)
-    mujoco.mj_setConst(model, data)  # what follows from masses and inertias, like how far a contact gives
+    mujoco.mj_setConst(model, data)  # quantities that follow from masses and inertias, like how far a contact gives
 
 
 def _draw_robot(model: mujoco.MjModel, base: mujoco.MjModel, ranges: Randomisation, rng: np.random.Generator) -> None:

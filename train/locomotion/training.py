@@ -71,7 +71,7 @@ class GaitTraining(TrainingLoop[PpoLearner]):
             robot, gait or configuration.
     """
 
-    save_every = 25  # half a minute
+    save_every = 25  # iterations, half a minute
     save_on_interrupt = True
 
     def __init__(

@@ -1,4 +1,4 @@
-"""The environment of a learner: the arena behind the interface that the learner asks for."""
+"""The environment of a learner: the arena behind the interface that a learner uses."""
 
 from collections.abc import Callable
 from typing import Protocol

@@ -22,7 +22,7 @@ class ArenaRollouts(Rollouts):
         environment: The rows.
         networks: Actor and critic.
         config: Settings.
-        rewards: What is paid.
+        rewards: Weights of the terms of the reward.
         seed: Seed of the episodes.
         team: The workers, of which this is one.
     """
@@ -39,7 +39,7 @@ class ArenaRollouts(Rollouts):
         self._rollout = Rollout.zeros(config.horizon, rows, {"observation": size}, ACTION_SIZE)
 
     def restart(self, iteration: int) -> None:
-        """Begin new episodes, so that a resumed run sees what it would have seen."""
+        """Begin new episodes, so that a resumed run sees those of an uninterrupted one."""
         seed = np.random.SeedSequence((self._seed, self._rank, iteration, 1)).generate_state(1)[0]
         self._now = torch.tensor(self._environment.restart(int(seed)))
 

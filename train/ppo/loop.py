@@ -19,7 +19,7 @@ Report = dict[str, Any]
 
 
 class Learner(Protocol):
-    """Interface of what a loop trains."""
+    """Interface of a learner that a loop trains."""
 
     def restart(self) -> None:
         """Begin new episodes, as at every checkpoint; a function of the iteration alone."""
@@ -45,7 +45,7 @@ class TrainingLoop(ABC, Generic[AnyLearner]):
     """A run that can be interrupted and resumed.
 
     Args:
-        name: Name of what is trained.
+        name: Name of the policy that is trained.
         directory: Directory of checkpoint, log, curves and weights.
     """
 

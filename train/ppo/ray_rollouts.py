@@ -18,7 +18,7 @@ from train.ppo.rollout import Rollout, Rollouts
 from vuca_nav.errors import BadArgument
 
 _NO_END = 1 << 62
-"""Number of decisions that the collector is asked for: the run ends it."""
+"""Number of decisions that the collector is to make: without end, as the run ends it."""
 
 
 class Explorer(nn.Module):
@@ -77,7 +77,7 @@ class RayRollouts(Rollouts):
         if self._started:
             ray.init(include_dashboard=False, log_to_driver=False, logging_level=logging.WARNING)
         cores = int(ray.cluster_resources().get("CPU", 0.0))
-        if self._workers > cores:  # the collector would wait for them for ever
+        if self._workers > cores:  # otherwise the collector would wait for them for ever
             self._stop_ray()
             raise BadArgument(f"{self._workers} workers need a core each, but the Ray cluster has {cores}")
         self._collector = RayCollector(

@@ -29,7 +29,7 @@ class Rollout(NamedTuple):
     done: Tensor
     """Whether an episode ended with the decision, (h, n, 1)."""
     terminated: Tensor
-    """Whether it ended for another reason than the time limit, (h, n, 1)."""
+    """Whether an episode ended for another reason than the time limit, (h, n, 1)."""
 
     @classmethod
     def zeros(cls, horizon: int, rows: int, seen: dict[str, int], actions: int) -> "Rollout":

@@ -120,7 +120,7 @@ def read_log(log: Path, last: int | None = None) -> list[dict]:
 
     Args:
         log: JSON lines as a run writes them.
-        last: Only the rows up to this one. What came after a checkpoint is lost, and will come again.
+        last: Last row to read. Rows after a checkpoint are lost, and will come again.
 
     Raises:
         BadArgument: If it cannot be read, or a line is not a row.

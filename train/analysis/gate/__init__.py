@@ -1,1 +1,1 @@
-"""Analysis of the gate of a fused policy: which expert leads in which situation, and what it is worth there."""
+"""Analysis of the gate of a fused policy: the expert that leads in each situation, and its worth there."""

@@ -1,4 +1,4 @@
-"""Pictures of what a gate does: shares by situation, and a moment of each situation."""
+"""Pictures of a gate's shares by situation, and of a moment of each situation."""
 
 import math
 from pathlib import Path
@@ -23,7 +23,7 @@ SCENE = 3.0
 FARTHEST = 6.0
 """Greatest clearance that is drawn, in place of all above it and of none at all [m]; policies see so far."""
 _EXPERTS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377")
-"""Paul Tol's bright colours, told apart by the colour-blind."""
+"""Paul Tol's bright colours, which the colour-blind can distinguish."""
 _MOTIONS = ("#1b9e77", "#7570b3", "#d95f02", "#e7298a", "#bbbbbb")
 _LABELLED = 0.08
 """Smallest piece of a bar that is labelled."""

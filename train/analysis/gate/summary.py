@@ -1,4 +1,4 @@
-"""What a gate does in each situation: means over decisions, with intervals that draw whole episodes again."""
+"""Summary of a gate's shares in each situation: means, with intervals that draw whole episodes again."""
 
 from collections.abc import Sequence
 
@@ -29,7 +29,7 @@ def motions(command: NDArray[np.floating]) -> NDArray[np.int64]:
         command: v_x, v_y, w_z, (..., 3).
 
     Returns:
-        (...,) indices into ``MOTIONS``: stop if all are at most ``SLOW``, otherwise what is greatest.
+        (...,) indices into ``MOTIONS``: stop if all are at most ``SLOW``, otherwise the greatest component.
     """
     size = np.abs(command)
     most = np.array([0, 4, 1])[size.argmax(-1)]

@@ -1,4 +1,4 @@
-"""Tables in Markdown of what a gate does, for the terminal and for pages."""
+"""Tables of a gate's shares and commands in Markdown, for the terminal and for pages."""
 
 from train.analysis.gate.summary import MOTIONS
 from train.analysis.situations import DEFINITIONS, PRECEDENCE, SITUATIONS

@@ -1,4 +1,4 @@
-"""Which expert leads where: the gate of a fused policy in open floor, tight passages, dead ends, and before movers.
+"""Analysis of the experts of a fused policy: their shares in open floor, tight passages, dead ends, before movers.
 
 ``python -m train.analysis.gate FILE... --out DIR`` prints tables and writes ``summary.json`` and two pictures.
 """
