@@ -14,9 +14,11 @@ from typing import Any, Literal, NamedTuple
 from vuca_nav.errors import BadArgument, BadWeights, UnknownName
 from vuca_nav.exploration.critic import SHIPPED, LearnedCritic, load_critic
 from vuca_nav.exploration.explorer import ExplorerConfig
+from vuca_nav.exploration.heuristic import NoCritic
 from vuca_nav.mapping.slam import SlamConfig
 from vuca_nav.navigator import Navigator, NavigatorConfig
 from vuca_nav.perception.perception import PerceptionConfig
+from vuca_nav.policy.base import LocalPolicy
 from vuca_nav.policy.dynamic_window import DynamicWindow
 from vuca_nav.policy.learned import LearnedPolicy
 from vuca_nav.policy.network import Gate, PolicyNetwork
@@ -61,6 +63,14 @@ class MethodConfig:
     """Weight of V^h: extra way that is worth it if it surely spares meeting a mover [m]; None without a critic."""
     perception: PerceptionConfig = field(default_factory=PerceptionConfig)
     """Settings of perception, for all stages alike; a method that does without tracks says so here."""
+
+    def __post_init__(self) -> None:
+        """Raises BadArgument for a controller without its weights, and for a gate or a gamma without its network."""
+        if (self.controller == "network") != (self.weights is not None):
+            raise BadArgument(f"controller {self.controller!r} with weights {self.weights}: only a network has them")
+        for name, needs in (("gate", "weights"), ("gamma", "critic")):
+            if getattr(self, name) is not None and getattr(self, needs) is None:
+                raise BadArgument(f"{name} goes with {needs}, which are not given")
 
     def row(self) -> dict[str, Any]:
         """The configuration as JSON holds it; shipped files are named by their stem, wherever they are installed."""
@@ -204,11 +214,11 @@ def resolve(name: str, options: MethodOptions = UNCHANGED) -> MethodConfig:
 
 def _check_files(config: MethodConfig, given: dict[str, Any]) -> None:
     """Raise VucaError if weights cannot be read, or the policy's do not go with the gate."""
-    assert config.weights is not None
-    weights = load_weights(config.weights)
-    if "gate" in given and weights.experts == 1:
-        raise BadArgument(f"{config.weights} has a single expert; --gate goes with weights of several")
-    PolicyNetwork(weights, config.gate or Gate())
+    if config.weights is not None:
+        weights = load_weights(config.weights)
+        if "gate" in given and weights.experts == 1:
+            raise BadArgument(f"{config.weights} has a single expert; --gate goes with weights of several")
+        PolicyNetwork(weights, config.gate or Gate())
     if config.critic is not None:
         load_critic(config.critic)
 
@@ -266,7 +276,9 @@ def build(
         VucaError: Weights cannot be used.
     """
     weights = None if method.weights is None else load_weights(method.weights)
-    memory = max(method.perception.memory, 0.0 if weights is None else weights.observation.memory)
+    critic = None if method.critic is None else load_critic(method.critic)
+    looks_back = (file.observation.memory for file in (weights, critic) if file is not None)
+    memory = max(method.perception.memory, *looks_back, 0.0)
     explorer = ExplorerConfig(gamma=method.gamma or 0.0, hysteresis=method.explorer.hysteresis)
     config = NavigatorConfig(
         exploration_rate=method.explorer.rate,
@@ -274,14 +286,14 @@ def build(
         slam=SlamConfig(localisation=localisation),
         explorer=explorer,
     )
-    if method.controller == "dynamic-window":
-        return Navigator(body, lidar, DynamicWindow(body, lidar), config, telemetry)
-    assert weights is not None
-    policy = LearnedPolicy(body, lidar, weights, method.gate or Gate(), telemetry)
-    shielded = Shield(body, lidar, policy) if method.shield else policy
-    if method.critic is None:
-        return Navigator(body, lidar, shielded, config, telemetry)
-    return Navigator(body, lidar, shielded, config, telemetry, LearnedCritic(body, lidar, load_critic(method.critic)))
+    if weights is None:
+        policy: LocalPolicy = DynamicWindow(body, lidar)
+    else:
+        policy = LearnedPolicy(body, lidar, weights, method.gate or Gate(), telemetry)
+    if method.shield:
+        policy = Shield(body, lidar, policy)
+    safety = NoCritic() if critic is None else LearnedCritic(body, lidar, critic)
+    return Navigator(body, lidar, policy, config, telemetry, safety)
 
 
 def settings_of(navigator: Navigator) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """Files that are there whole or not at all, and directories that can be written before the work is done."""
 
+import os
 from pathlib import Path
 
 from vuca_nav.errors import BadArgument
@@ -12,9 +13,13 @@ def write_whole(path: Path, data: str | bytes) -> None:
         path: File in a directory that exists; written over.
         data: The whole content; text as UTF-8.
     """
-    temporary = path.with_name(f".{path.name}.tmp")
-    temporary.write_bytes(data.encode() if isinstance(data, str) else data)
-    temporary.replace(path)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        temporary.write_bytes(data.encode() if isinstance(data, str) else data)
+        temporary.replace(path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
 
 
 def prepare_directory(path: Path) -> None:

@@ -145,7 +145,7 @@ class Navigator:
         if cause is not None or self._is_planning_due(estimate.map_from_base):
             survey = self._survey(percept, estimate)
             exploration = self.explorer.update(cause, percept, survey)
-            self.plan = self.planner.update(exploration.approach, exploration.paths, self.plan)
+            self.plan = self.planner.update(exploration.target, exploration.paths, self.plan)
             self.telemetry.grid(estimate.navigation_grid)
             self.telemetry.entropy(estimate.navigation_grid.entropy)
         command = self.policy.command(percept, self._local_goal(percept, estimate.map_from_base))
@@ -180,7 +180,7 @@ class Navigator:
         return (
             self._tick % self._trigger_ticks == 0
             and len(plan.path_in_map) > 0
-            and plan.waypoint_in_map != self.goal
+            and not plan.is_final
             and distance(map_from_base, plan.waypoint_in_map) < self.config.waypoint_reached
         )
 
@@ -203,7 +203,7 @@ class Navigator:
         waypoint = self.plan.waypoint_in_map
         c, s = math.cos(map_from_base.yaw), math.sin(map_from_base.yaw)
         dx, dy = waypoint[0] - map_from_base.x, waypoint[1] - map_from_base.y
-        return LocalGoal((c * dx + s * dy, -s * dx + c * dy), waypoint == self.goal)
+        return LocalGoal((c * dx + s * dy, -s * dx + c * dy), self.plan.is_final)
 
     def _is_stuck(self, pose: Pose2) -> bool:
         if distance(pose, self._moved_from) > self.config.stuck_distance:

@@ -120,6 +120,11 @@ class BodySpec:
     delay: float = 0.0
     """Delay of the body's answer to a linear velocity command, beyond what the acceleration limits cause [s]."""
 
+    def __post_init__(self) -> None:
+        """Hold every limit as a float: kernels are compiled for each type that they meet."""
+        for name in ("max_v_x", "min_v_x", "max_v_y", "max_w_z", "max_a_x", "max_a_y", "max_a_w", "delay"):
+            object.__setattr__(self, name, float(getattr(self, name)))
+
     @property
     def radius(self) -> float:
         """Radius of the footprint's circumscribed circle about base_link [m]."""

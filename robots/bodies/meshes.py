@@ -6,8 +6,8 @@ that start together cannot read a half-written file. Without a writable cache th
 """
 
 import hashlib
+import io
 import os
-import tempfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from robots.bodies.assets import MissingAsset, asset
 from robots.bodies.urdf import Urdf, Visual
+from vuca_nav.files import write_whole
 from vuca_nav.telemetry.interface import MeshPart
 from vuca_nav.types import FloatArray
 
@@ -133,8 +134,8 @@ def _concatenated(
 def _store(file: Path, vertices: FloatArray, faces: NDArray[np.int64]) -> None:
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=file.parent, suffix=".tmp", delete=False) as temporary:
-            np.savez_compressed(temporary, vertices=vertices, faces=faces)
-        os.replace(temporary.name, file)
+        packed = io.BytesIO()
+        np.savez_compressed(packed, vertices=vertices, faces=faces)
+        write_whole(file, packed.getvalue())
     except OSError:
         return  # a cache that cannot be written only costs time

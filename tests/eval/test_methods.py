@@ -28,6 +28,7 @@ from eval.methods import (
     title_of,
 )
 from eval.suites import SUITES, episodes_of
+from robots.registry import make_body
 from tests.vuca_nav.random_policy import random_policy
 from tests.vuca_nav.random_safety import random_safety
 from tests.vuca_nav.rooms import LIDAR, disc_body
@@ -303,3 +304,26 @@ def test_colours_run_from_dark_to_bright():
     assert colours[0, 1].tolist() == [253, 231, 37]
     assert colours[1, 0].tolist() == [33, 145, 140]
     assert colours[1, 1].tolist() == colours[0, 0].tolist()
+
+
+def test_every_controller_goes_with_a_shield_and_a_critic():
+    body = make_body("tiago")
+    config = MethodConfig("dynamic-window", shield=True, critic=SHIPPED, gamma=10.0)
+    navigator = build(config, body.spec, body.lidar)
+    assert isinstance(navigator.policy, Shield)
+    assert isinstance(navigator.policy.policy, DynamicWindow)
+    assert isinstance(navigator.explorer.critic, LearnedCritic)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"controller": "network"},
+        {"controller": "dynamic-window", "weights": SHIPPED},
+        {"controller": "dynamic-window", "gate": Gate()},
+        {"controller": "dynamic-window", "gamma": 1.0},
+    ],
+)
+def test_a_configuration_whose_parts_do_not_go_together_is_refused(wrong):
+    with pytest.raises(BadArgument):
+        MethodConfig(**wrong)

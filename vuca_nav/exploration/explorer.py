@@ -12,6 +12,7 @@ from vuca_nav.mapping.grid import OccupancyGrid
 from vuca_nav.perception.percept import Percept
 from vuca_nav.planning.paths import PathField
 from vuca_nav.planning.survey import Survey
+from vuca_nav.planning.target import Target
 from vuca_nav.telemetry.interface import FrontierView, Telemetry
 from vuca_nav.types import Pose2
 
@@ -51,17 +52,6 @@ class ExplorerConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class Target:
-    """The point that the robot heads for: P_exploration, or the goal."""
-
-    point: tuple[float, float]
-    """The goal or the boundary cell, in the map [m]."""
-    approach: tuple[float, float]
-    """Place to drive to for it, in the map [m]."""
-    is_goal: bool
-
-
-@dataclass(frozen=True, slots=True)
 class Exploration:
     """A decision of the explorer."""
 
@@ -69,11 +59,6 @@ class Exploration:
     """The chosen target; None if none can be reached."""
     paths: PathField
     """Paths from the robot over the map that the decision was based on."""
-
-    @property
-    def approach(self) -> tuple[float, float] | None:
-        """Place to drive to, in the map [m]; None without a target."""
-        return None if self.target is None else self.target.approach
 
 
 @dataclass(slots=True)

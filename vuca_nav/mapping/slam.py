@@ -102,7 +102,6 @@ class Slam:
         if prior_map is not None:
             self.navigation_grid.fill(prior_map.level, prior_map.origin)
             self.matching_grid.fill(prior_map.level, prior_map.origin)
-        self.start = start
         self.map_from_odom: Pose2 | None = None
         """The correction; None before the first scan, which is taken at ``start``."""
         self._map_from_base = start
@@ -112,15 +111,17 @@ class Slam:
         self._inserted_stamp = -math.inf
 
     def correct(self, map_correction: Pose2) -> None:
-        """Move the map about the robot, as a loop closure does.
+        """Take over that the map about the robot has moved, as a loop closure finds.
+
+        The pose moves along, and the next estimate reports the correction, once. The grids are the caller's: whoever
+        closes a loop has drawn them anew, or the next match pulls the pose back to where they are.
 
         Args:
-            map_correction: Transform from where a point of the map was to where it is now. The robot moves along; the
-                next estimate holds the correction, once.
+            map_correction: Transform from where a point of the map was to where it is now.
         """
+        self._map_from_base = compose(map_correction, self._map_from_base)
         if self.map_from_odom is not None:
             self.map_from_odom = compose(map_correction, self.map_from_odom)
-        self._map_from_base = compose(map_correction, self._map_from_base)
         self._inserted_at = compose(map_correction, self._inserted_at)
         self._correction = compose(map_correction, self._correction)
 
@@ -134,7 +135,7 @@ class Slam:
             return self._stay()
         config, level, ends_in_base = self.config, percept.level, self._ends_in_base
         if self.map_from_odom is None:
-            predicted = self.start
+            predicted = self._map_from_base
         else:
             predicted = compose(self.map_from_odom, percept.odom_from_base)
         num_hits, num_returns, num_ends = _beam_ends(level, self._rule, ends_in_base, self._grazed)
@@ -159,7 +160,7 @@ class Slam:
     def _stay(self) -> SlamEstimate:
         """The last estimate, without a scan."""
         correction, self._correction = self._correction, STANDING
-        map_from_odom = self.start if self.map_from_odom is None else self.map_from_odom
+        map_from_odom = self._map_from_base if self.map_from_odom is None else self.map_from_odom
         return SlamEstimate(
             self._map_from_base, map_from_odom, correction, 1.0, self._ends_in_map[:0], self.navigation_grid
         )

@@ -24,7 +24,7 @@ class LevelScan(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Percept:
-    """One tick's perception. Arrays are valid until the next tick."""
+    """One tick's perception. Its arrays, ``history`` and ``field`` are lent: the next tick writes over them."""
 
     scan: Scan
     """The scan as the lidar gave it."""

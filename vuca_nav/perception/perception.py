@@ -8,12 +8,11 @@ import numpy as np
 from numba import njit
 
 from vuca_nav.checks import check_not_negative, check_positive
+from vuca_nav.errors import BadArgument
 from vuca_nav.geometry import between, levelling
 from vuca_nav.perception.percept import LevelScan, Percept
 from vuca_nav.perception.scan_memory import ScanField, ScanHistory
 from vuca_nav.perception.tracks import (
-    CERTAINTY,
-    HAS_LEFT,
     MAX_TRACKS,
     RADIUS,
     TRACK_SIZE,
@@ -22,6 +21,8 @@ from vuca_nav.perception.tracks import (
     Tracker,
     X,
     Y,
+    is_of_track,
+    select_moving,
 )
 from vuca_nav.types import STANDING, LidarSpec, Odometry, Pose2, Scan
 
@@ -74,14 +75,6 @@ class _Band(NamedTuple):
     max_range: float
 
 
-class _MovingRule(NamedTuple):
-    """Thresholds of a moving track and of its own returns."""
-
-    certainty: float
-    speed: float
-    own_returns: float
-
-
 class Perception:
     """Reads scans and odometry.
 
@@ -97,13 +90,12 @@ class Perception:
         n = lidar.num_beams
         self._level = LevelScan(np.zeros(n), self._beams.copy(), np.zeros(n, np.bool_))
         self._band = _Band((config.lowest - 1.0) * lidar.height, config.highest, lidar.max_range)
-        self._rule = _MovingRule(config.certainty, config.moving_speed, config.own_returns)
         self._history = ScanHistory(round(config.memory * lidar.rate) + 1, n)
         self._field = ScanField(self._beams, config.field_reach, config.field_resolution)
         self._tracker = Tracker(1, n, 1.0 / lidar.rate, config.spacing) if config.tracks else None
         self._row, self._reaches = np.zeros(1, np.int64), np.array([config.sight])
         self._motion, self._fresh = np.zeros((1, 3)), np.ones(1, np.bool_)
-        self._tracks, self._moving = np.zeros((MAX_TRACKS, TRACK_SIZE)), np.zeros((MAX_TRACKS, 3))
+        self._tracks, self._moving = np.zeros((2, MAX_TRACKS, TRACK_SIZE))
         self.reset()
 
     def reset(self) -> None:
@@ -120,16 +112,21 @@ class Perception:
         Args:
             scan: The lidar's latest scan.
             odometry: The body's odometry at the same time.
+
+        Raises:
+            BadArgument: If the scan has another number of beams than the lidar.
         """
+        scan = self._checked(scan)
         before, self._odom_from_before = self._odom_from_before, odometry.odom_from_base
         motion = STANDING if before is None else between(before, odometry.odom_from_base)
         if not 0.0 < scan.stamp - self._stamp < MOST_PERIODS / self.lidar.rate:
             self._fresh[0] = True
         self._stamp = scan.stamp
-        leans = odometry.up != UPRIGHT
-        axes = levelling(odometry.up)
-        invalid, returns = _level_scan(scan.ranges, self._beams, odometry.up, axes, self._band, self._level)
-        is_valid = invalid <= MOST_INVALID * self.lidar.num_beams and math.isfinite(sum(odometry.twist) + sum(motion))
+        up = float(odometry.up[0]), float(odometry.up[1]), float(odometry.up[2])
+        axes = levelling(up)
+        invalid, returns = _level_scan(scan.ranges, self._beams, up, axes, self._band, self._level)
+        is_finite = math.isfinite(sum(odometry.twist) + sum(motion) + sum(up))
+        is_valid = is_finite and invalid <= MOST_INVALID * self.lidar.num_beams
         num_tracks = num_moving = 0
         if is_valid:
             if self._fresh[0]:
@@ -142,11 +139,13 @@ class Perception:
                 num_tracks = self._tracker.tracks_in_base(0, self._tracks)
                 if num_tracks:
                     tracks = self._tracks[:num_tracks]
-                    if leans:
+                    if up != UPRIGHT:
                         tracks[:, [X, Y]] = tracks[:, [X, Y]] @ axes.T
                         tracks[:, [V_X, V_Y]] = tracks[:, [V_X, V_Y]] @ axes.T
-                    num_moving = _find_moving(tracks, self._rule, self._moving)
-        _mark_movers(self._level, self._moving[:num_moving], self._rule.own_returns)
+                    c = self.config
+                    num_moving = select_moving(tracks, c.moving_speed, c.certainty, self._moving)
+        moving = self._moving[:num_moving]
+        _mark_movers(self._level, moving, self.config.own_returns)
         self._fresh[0] = not is_valid
         self._field.set_scan(scan.ranges)
         return Percept(
@@ -158,10 +157,20 @@ class Perception:
             is_blind=returns == 0,
             level=self._level,
             tracks=self._tracks[:num_tracks],
-            moving=self._moving[:num_moving],
+            moving=moving[:, [X, Y, RADIUS]],
             history=self._history,
             field=self._field,
         )
+
+    def _checked(self, scan: Scan) -> Scan:
+        """The scan with as many ranges as the lidar has beams, in double precision."""
+        if scan.ranges.shape != (self.lidar.num_beams,):
+            raise BadArgument(
+                f"the scan has ranges of shape {scan.ranges.shape}, the lidar {self.lidar.num_beams} beams: give it a "
+                "LidarSpec of the scans that it gets"
+            )
+        ranges = np.ascontiguousarray(scan.ranges, np.float64)
+        return scan if ranges is scan.ranges else Scan(scan.stamp, ranges)
 
 
 @njit(cache=True)
@@ -196,18 +205,6 @@ def _level_scan(ranges, beams, up, axes, band, level):
 
 
 @njit(cache=True)
-def _find_moving(tracks, rule, moving):
-    """Write x, y and radius of the tracks that surely move to ``moving``; returns their number."""
-    count = 0
-    for track in tracks:
-        speed_2 = track[V_X] * track[V_X] + track[V_Y] * track[V_Y]
-        if track[HAS_LEFT] > 0.0 and track[CERTAINTY] > rule.certainty and speed_2 > rule.speed * rule.speed:
-            moving[count, 0], moving[count, 1], moving[count, 2] = track[X], track[Y], track[RADIUS]
-            count += 1
-    return count
-
-
-@njit(cache=True)
 def _mark_movers(level, moving, margin):
     """Mark the returns that belong to a moving track."""
     level.is_mover[:] = False
@@ -215,11 +212,5 @@ def _mark_movers(level, moving, margin):
         return
     for k in range(level.ranges.shape[0]):
         r = level.ranges[k]
-        if not r < np.inf:
-            continue
-        x, y = r * level.beams[k, 0], r * level.beams[k, 1]
-        for track in moving:
-            near = track[2] + margin
-            if (x - track[0]) ** 2 + (y - track[1]) ** 2 < near * near:
-                level.is_mover[k] = True
-                break
+        if r < np.inf:
+            level.is_mover[k] = is_of_track(r * level.beams[k, 0], r * level.beams[k, 1], moving, margin)

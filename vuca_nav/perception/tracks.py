@@ -272,3 +272,32 @@ def tracks_in_base(state, row, out):
         row_out[HAS_LEFT] = 1.0 if track[_HAS_LEFT] > 0.0 else 0.0
         count += 1
     return count
+
+
+@njit(cache=True, nogil=True)
+def select_moving(tracks, speed, certainty, out):
+    """Copy the tracks that surely move to ``out``; returns their number.
+
+    Args:
+        tracks: (k, TRACK_SIZE).
+        speed: A slower track is taken to stand [m/s].
+        certainty: A track of less is taken to stand.
+        out: (k or more, TRACK_SIZE), written to.
+    """
+    count = 0
+    for track in tracks:
+        speed_2 = track[V_X] * track[V_X] + track[V_Y] * track[V_Y]
+        if track[HAS_LEFT] > 0.0 and track[CERTAINTY] > certainty and speed_2 > speed * speed:
+            out[count] = track
+            count += 1
+    return count
+
+
+@njit(cache=True, nogil=True)
+def is_of_track(x, y, tracks, margin):
+    """Whether a return at a point is within a margin of the circle of one of these tracks (k, TRACK_SIZE)."""
+    for track in tracks:
+        near = track[RADIUS] + margin
+        if (x - track[X]) ** 2 + (y - track[Y]) ** 2 < near * near:
+            return True
+    return False

@@ -6,6 +6,7 @@ import numpy as np
 
 from vuca_nav.geometry import transform_points
 from vuca_nav.planning.paths import PathField
+from vuca_nav.planning.target import Target
 from vuca_nav.planning.waypoints import farthest_free_waypoint
 from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import FloatArray, Pose2
@@ -19,6 +20,8 @@ class Plan:
     """(n, 2) path from the robot's place at planning to its target [m]; empty before there is one."""
     waypoint_in_map: tuple[float, float]
     """[m]"""
+    is_final: bool = False
+    """Whether the waypoint is the goal itself."""
 
     def moved(self, map_correction: Pose2) -> "Plan":
         """The plan after the map has moved."""
@@ -43,11 +46,11 @@ class Planner:
     def __init__(self, telemetry: Telemetry = Telemetry()):
         self.telemetry = telemetry
 
-    def update(self, target: tuple[float, float] | None, paths: PathField, last: Plan) -> Plan:
+    def update(self, target: Target | None, paths: PathField, last: Plan) -> Plan:
         """Plan the path to the target, and the farthest waypoint on it.
 
         Args:
-            target: A point of the map that paths reach [m]; None if the explorer found none.
+            target: A target that paths reach; None if the explorer found none.
             paths: Paths from the robot.
             last: The plan so far. It is kept where the target cannot be reached: most likely a mover bars the way.
         """
@@ -56,8 +59,9 @@ class Planner:
             telemetry.event("nothing can be reached: keeping the last path", "WARN")
             plan = last
         else:
-            path = paths.path_to(*target)
-            plan = Plan(path, farthest_free_waypoint(paths.costmap, path, paths.start))
+            path = paths.path_to(*target.approach)
+            waypoint = farthest_free_waypoint(paths.costmap, path, paths.start)
+            plan = Plan(path, waypoint, target.is_goal and waypoint == target.approach)
         telemetry.path(plan.path_in_map)
         telemetry.waypoint(plan.waypoint_in_map)
         return plan

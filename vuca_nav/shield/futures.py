@@ -78,7 +78,7 @@ class Futures:
             static: Distance field of the static returns.
 
         Returns:
-            (scenarios, k, steps, 2) a view of ``positions``, after 1, 2, ... time steps.
+            (scenarios, k, steps, 2) a view of ``positions``: where they are after 1, 2, ... time steps.
         """
         _draw(tracks, static, self._draws, self._turning, self.positions)
         return self.positions[:, : len(tracks)]

@@ -7,11 +7,15 @@ import numpy as np
 from numba import njit
 
 from vuca_nav.perception.distance_field import DistanceField, smooth_clearance_at
-from vuca_nav.perception.tracks import CERTAINTY, HAS_LEFT, RADIUS, V_X, V_Y, X, Y
+from vuca_nav.perception.tracks import RADIUS, is_of_track
 from vuca_nav.types import FloatArray
 
 STAND, HEAD_OFF, BACK, AS_COMMANDED = 0.0, 1.0, 2.0, 3.0
 """Kinds of ways out."""
+_FORWARD_WEIGHT = 4.0
+"""Cost of changing v_x by its whole range, to which the other weights relate."""
+_LEAST_LACK = 0.5
+"""Share of the full cost that the least lack of clearance has."""
 _HOPELESS = 0.1
 """Lack of clearance from which on more costs no more [m]; a little lack costs half as much."""
 _MOST_NEAR = 6
@@ -99,27 +103,19 @@ class WaysOut(NamedTuple):
 
 
 @njit(cache=True)
-def select_moving(tracks, speed, certainty, out):
-    """Copy the tracks that surely move faster than a speed to ``out``; returns their number."""
-    count = 0
-    for track in tracks:
-        speed_2 = track[V_X] * track[V_X] + track[V_Y] * track[V_Y]
-        if track[CERTAINTY] > certainty and track[HAS_LEFT] > 0.0 and speed_2 > speed * speed:
-            out[count] = track
-            count += 1
-    return count
+def without_tracks(ranges, level, tracks, out):
+    """The scan without the returns of these tracks, into ``out`` (num_beams,) [m].
 
-
-@njit(cache=True)
-def without_tracks(ranges, beams, tracks, out):
-    """Write the scan without the returns of these tracks to ``out`` (num_beams,) [m]."""
+    Args:
+        ranges: (num_beams,) [m]
+        level: The same scan over ground, a ``LevelScan``, as the tracks are.
+        tracks: (k, TRACK_SIZE)
+        out: Written to: ``inf`` where nothing came back, or only a track.
+    """
     for b in range(len(ranges)):
-        out[b] = ranges[b] if ranges[b] < np.inf else np.inf
-        x, y = ranges[b] * beams[b, 0], ranges[b] * beams[b, 1]
-        for track in tracks:
-            near = track[RADIUS] + _OWN_RETURNS
-            if (x - track[X]) ** 2 + (y - track[Y]) ** 2 < near * near:
-                out[b] = np.inf
+        r = level.ranges[b]
+        own = r < np.inf and is_of_track(r * level.beams[b, 0], r * level.beams[b, 1], tracks, _OWN_RETURNS)
+        out[b] = ranges[b] if ranges[b] < np.inf and not own else np.inf
 
 
 @njit(cache=True)
@@ -208,7 +204,7 @@ def _cost(command, change, most, state, scene, ways_out, settings, clearances_no
     cost = change
     lack = _lack_of_clearance(command, state, scene, settings, clearances_now)
     if lack > 0.0:
-        cost += settings.risk_weight * min(0.5 + 0.5 * lack / _HOPELESS, 1.0)
+        cost += settings.risk_weight * min(_LEAST_LACK + (1.0 - _LEAST_LACK) * lack / _HOPELESS, 1.0)
     if len(scene.near) and cost < most:
         limit = (most - cost) / settings.risk_weight
         cost += settings.risk_weight * _risk(command, state, scene, ways_out, settings, clearances_now[0], limit)
@@ -222,7 +218,7 @@ def _changes(candidates, settings):
     change = np.empty(len(candidates))
     for n in range(len(candidates)):
         u = candidates[n]
-        change[n] = 4.0 * ((u[0] - candidates[0, 0]) / (limits[0] - limits[1])) ** 2
+        change[n] = _FORWARD_WEIGHT * ((u[0] - candidates[0, 0]) / (limits[0] - limits[1])) ** 2
         change[n] += settings.turn_weight * ((u[2] - candidates[0, 2]) / limits[3]) ** 2
         if limits[2] > 0.0:
             change[n] += settings.side_weight * ((u[1] - candidates[0, 1]) / limits[2]) ** 2

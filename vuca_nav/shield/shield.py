@@ -18,7 +18,7 @@ from vuca_nav.errors import BadArgument
 from vuca_nav.footprint import cover_by_discs, size_of
 from vuca_nav.perception.distance_field import DistanceField, fill_field
 from vuca_nav.perception.percept import Percept
-from vuca_nav.perception.tracks import MAX_TRACKS, TRACK_SIZE, V_X, V_Y, X, Y
+from vuca_nav.perception.tracks import MAX_TRACKS, TRACK_SIZE, V_X, V_Y, X, Y, select_moving
 from vuca_nav.policy.base import LocalGoal, LocalPolicy
 from vuca_nav.policy.delay import CommandDelay
 from vuca_nav.policy.observation import limits_of
@@ -32,7 +32,6 @@ from vuca_nav.shield.rollouts import (
     ShieldSettings,
     WaysOut,
     cheapest,
-    select_moving,
     stops_clear,
     what_may_be_met,
     without_tracks,
@@ -140,21 +139,19 @@ class CommandFilter:
         c, settings, ranges, beams = self._config, self._settings, percept.scan.ranges, self._beams_in_base
         state = BodyState(*start, math.cos(start.yaw), math.sin(start.yaw), *last)
         moving = self._moving[: select_moving(percept.tracks, c.moving, c.certainty, self._moving)]
-        near, futures, whole = _NONE, self._futures.positions[:, :0], percept.field
+        near, futures, whole, static_ranges = _NONE, self._futures.positions, percept.field, ranges
         if len(moving):
-            without_tracks(ranges, beams, moving, self._ranges)
-            fill_field(self._ranges, beams, self._far)
+            without_tracks(ranges, percept.level, moving, self._ranges)
+            static_ranges = self._ranges
+            fill_field(static_ranges, beams, self._far)
             moving[:, [X, Y]] += self._delay * moving[:, [V_X, V_Y]]  # to when the body answers
-            futures = self._futures.draw(moving, self._far)
+            self._futures.draw(moving, self._far)
             near = what_may_be_met(moving, futures, state, settings)
         if not len(near) and stops_clear(ranges, beams, wanted, state, settings, whole.uncertainty):
             return wanted
-        static = whole.get()
-        if len(moving):
-            fill_field(self._ranges, beams, self._static)
-            static = self._static
+        fill_field(static_ranges, beams, self._static)
         self._candidates[0] = wanted
-        scene = ShieldScene(static, whole.get(), moving, futures, near)
+        scene = ShieldScene(self._static, whole.get(), moving, futures, near)
         self._guess = best = cheapest(self._candidates, state, scene, self._ways_out, settings, self._guess)
         v_x, v_y, w_z = self._candidates[best].tolist()
         return VelocityCommand(v_x, v_y, w_z)

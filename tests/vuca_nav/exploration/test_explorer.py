@@ -270,9 +270,9 @@ def test_without_a_cause_a_target_that_can_be_reached_stays():
     explorer.goal = (1.5, 20.0)
     later = explorer.update(None, percept_at(10.0), survey)
     assert later.target is first.target is explorer.target
-    assert later.approach is not None
-    assert later.approach == first.approach
-    assert later.paths.reaches(*later.approach)
+    assert later.target is not None
+    assert later.target == first.target
+    assert later.paths.reaches(*later.target.approach)
     assert len(told.views) == 1
     # Now a wall bars the way to it.
     picture = two_doors()
@@ -322,7 +322,7 @@ def test_without_frontiers_there_is_no_target():
     explorer.reset((20.0, 2.0))
     exploration = explorer.update("it is time", percept_at(0.0), survey_of(hall(60, 40)))
     assert exploration.target is None
-    assert exploration.approach is None
+    assert exploration.target is None
     assert explorer.target is None
 
 

@@ -539,3 +539,12 @@ def test_what_no_scan_has_changed_lately_is_told():
     assert not grid.not_updated_for(5)[there]
     assert not grid.not_updated_for(0)[elsewhere]
     assert not grid.not_updated_for(0)[0, 0]  # never seen at all: a map given beforehand may know it
+
+
+def test_a_correction_before_the_first_scan_moves_where_it_starts():
+    slam, sensors = Slam(LIDAR), Sensors()
+    slam.reset(Pose2(1.0, 2.0, 0.0))
+    slam.correct(Pose2(0.5, 0.0, 0.0))
+    estimate = slam.update(sensors.see(NOTHING))
+    assert estimate.map_from_base == pytest.approx(Pose2(1.5, 2.0, 0.0))
+    assert estimate.map_correction == Pose2(0.5, 0.0, 0.0)

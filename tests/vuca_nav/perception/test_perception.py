@@ -1,6 +1,7 @@
 """What ``Perception`` makes of scans and odometry: validity, memory, moving tracks, the levelled scan."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -346,3 +347,21 @@ def test_tracks_of_a_leaning_body_are_over_ground(roll):
 def test_a_bad_configuration_is_refused(bad):
     with pytest.raises(BadArgument):
         PerceptionConfig(**bad)
+
+
+@pytest.mark.parametrize("beams", [1, 180, 359, 720])
+def test_a_scan_of_another_size_is_refused(beams):
+    with pytest.raises(BadArgument, match=rf"shape \({beams},\), the lidar {LIDAR.num_beams} beams"):
+        Perception(LIDAR).update(Scan(0.0, np.full(beams, 2.0)), Odometry(0.0, STANDING, Twist2(0.0, 0.0, 0.0)))
+
+
+def test_a_vertical_that_is_not_finite_is_not_valid():
+    assert not percept_of(np.full(LIDAR.num_beams, 2.0), up=(math.nan, 0.0, 1.0)).is_valid
+
+
+def test_a_scan_in_single_precision_is_taken_in_double():
+    odometry = Odometry(0.0, STANDING, Twist2(0.0, 0.0, 0.0))
+    single: Any = np.full(LIDAR.num_beams, 2.5, np.float32)
+    percept = Perception(LIDAR).update(Scan(0.0, single), odometry)
+    assert percept.scan.ranges.dtype == np.float64
+    np.testing.assert_array_equal(percept.level.ranges, 2.5)

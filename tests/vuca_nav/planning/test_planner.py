@@ -8,11 +8,13 @@ from vuca_nav.geometry import inverse, transform_points
 from vuca_nav.planning.costmap import CostmapConfig
 from vuca_nav.planning.planner import Planner, no_plan
 from vuca_nav.planning.survey import Survey
+from vuca_nav.planning.target import Target
 from vuca_nav.planning.waypoints import farthest_free_waypoint
 from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import Pose2
 
 HERE = Pose2(1.5, 1.0, 0.4)
+TARGET = Target((4.6, 1.0), (4.5, 1.0), is_goal=False)
 NONE_MOVES = np.empty((0, 3))
 
 
@@ -42,7 +44,7 @@ def walled() -> np.ndarray:
 
 def test_a_plan_is_the_path_to_the_target_and_the_farthest_waypoint_in_sight():
     told, paths = Told(), survey_of(walled()).paths()
-    plan = Planner(told).update((4.5, 1.0), paths, no_plan(HERE))
+    plan = Planner(told).update(TARGET, paths, no_plan(HERE))
     np.testing.assert_array_equal(plan.path_in_map, paths.path_to(4.5, 1.0))
     assert plan.waypoint_in_map == farthest_free_waypoint(paths.costmap, plan.path_in_map, (HERE.x, HERE.y))
     assert plan.waypoint_in_map[1] > 2.0  # round the wall's end
@@ -51,7 +53,7 @@ def test_a_plan_is_the_path_to_the_target_and_the_farthest_waypoint_in_sight():
 
 def test_a_plan_is_kept_where_nothing_can_be_reached():
     paths = survey_of(walled()).paths()
-    plan = Planner().update((4.5, 1.0), paths, no_plan(HERE))
+    plan = Planner().update(TARGET, paths, no_plan(HERE))
     told = Told()
     assert Planner(told).update(None, paths, plan) is plan
     assert told.said[0] == ("WARN", "nothing can be reached: keeping the last path")
@@ -65,7 +67,7 @@ def test_before_there_is_a_plan_the_robot_is_where_it_should_be():
 
 
 def test_a_plan_moves_along_with_the_map():
-    plan = Planner().update((4.5, 1.0), survey_of(walled()).paths(), no_plan(HERE))
+    plan = Planner().update(TARGET, survey_of(walled()).paths(), no_plan(HERE))
     correction = Pose2(0.5, -1.0, 0.8)
     moved = plan.moved(correction)
     assert moved.path_in_map == pytest.approx(transform_points(correction, plan.path_in_map))
@@ -75,6 +77,17 @@ def test_a_plan_moves_along_with_the_map():
     assert back.path_in_map == pytest.approx(plan.path_in_map)
     assert back.waypoint_in_map == pytest.approx(plan.waypoint_in_map)
     assert no_plan(HERE).moved(correction).path_in_map.shape == (0, 2)
+
+
+def test_only_the_goal_itself_is_a_final_waypoint_and_stays_one_when_the_map_moves():
+    open_hall = survey_of(hall(60, 40)).paths()
+    goal = Target((4.5, 1.0), (4.5, 1.0), is_goal=True)
+    plan = Planner().update(goal, open_hall, no_plan(HERE))
+    assert plan.waypoint_in_map == (4.5, 1.0)
+    assert plan.is_final
+    assert plan.moved(Pose2(0.1, 0.0, 0.0)).is_final
+    assert not Planner().update(TARGET, open_hall, plan).is_final  # a frontier
+    assert not Planner().update(goal, survey_of(walled()).paths(), plan).is_final  # round the wall first
 
 
 def test_a_survey_works_out_its_paths_once():

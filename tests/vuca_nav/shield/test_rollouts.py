@@ -8,7 +8,8 @@ import pytest
 from tests.vuca_nav.rooms import LIDAR, NOTHING, disc_body, ranges_to_boxes, room
 from vuca_nav.footprint import cover_by_discs, size_of
 from vuca_nav.perception.distance_field import DistanceField, fill_field, smooth_clearance_at
-from vuca_nav.perception.tracks import CERTAINTY, HAS_LEFT, RADIUS, TRACK_SIZE, V_X, V_Y, X, Y
+from vuca_nav.perception.percept import LevelScan
+from vuca_nav.perception.tracks import CERTAINTY, HAS_LEFT, RADIUS, TRACK_SIZE, V_X, V_Y, X, Y, select_moving
 from vuca_nav.policy.observation import limits_of
 from vuca_nav.shield.futures import Futures
 from vuca_nav.shield.rollouts import (
@@ -22,7 +23,6 @@ from vuca_nav.shield.rollouts import (
     _risk,
     _roll_out,
     cheapest,
-    select_moving,
     stops_clear,
     what_may_be_met,
     without_tracks,
@@ -118,7 +118,8 @@ def test_the_returns_of_tracks_are_taken_out_of_a_scan():
     ranges[10:15], ranges[20:25] = np.nan, np.inf
     tracks = np.ones((1, TRACK_SIZE))
     tracks[0, [X, Y, RADIUS]] = 2.0, 0.0, 0.3
-    without_tracks(ranges, BEAMS, tracks, out)
+    level = LevelScan(ranges, BEAMS, np.zeros(360, np.bool_))
+    without_tracks(ranges, level, tracks, out)
     own = np.hypot(*(2.0 * BEAMS - (2.0, 0.0)).T) < 0.45
     assert own.sum() > 20
     np.testing.assert_array_equal(out, np.where(own | ~(ranges < np.inf), np.inf, 2.0))

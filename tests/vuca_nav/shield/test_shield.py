@@ -295,3 +295,14 @@ def test_the_same_again_after_a_reset():
     first = drive(shield, body, crossing, Pose2(1.0, 5.0, 0.0), 6.0)
     second = drive(shield, body, crossing, Pose2(1.0, 5.0, 0.0), 6.0)
     assert first[0].tobytes() == second[0].tobytes()
+
+
+def test_a_fast_body_brakes_for_a_wall_beyond_the_percepts_field():
+    """From 3 m/s at 1.5 m/s^2 it needs 3 m and 0.6 m of holding on; the percept's distance field ends at 2.6 m."""
+    fast = dataclasses.replace(disc_body(), max_v_x=3.0, max_a_x=1.5)
+    wanted = VelocityCommand(3.0, 0.0, 0.0)
+    for wall, goes_through in ((3.3, False), (8.0, True)):
+        percept = percept_of(ranges_to_boxes(np.array([[wall, -8.0, wall + 0.2, 8.0]]), STANDING))
+        command = CommandFilter(fast, LIDAR).choose(wanted, wanted, STANDING, percept)
+        assert (command == wanted) == goes_through
+        assert goes_through or command.v_x < 2.6
