@@ -110,6 +110,8 @@ class CompareArguments:
     """Directories of vuca eval, complete or not; each is compared with the first."""
     seeds: Annotated[str | None, _optional("A:B")] = None
     """Only the seeds A to B - 1."""
+    json: bool = False
+    """End with one JSON object on stdout, the differences."""
 
 
 @dataclass(frozen=True, kw_only=True)

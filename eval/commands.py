@@ -114,8 +114,11 @@ def compare(argv: list[str]) -> int:
         raise BadArgument(f"give two or more evaluations to compare, got {len(arguments.folders)}")
     seeds = None if arguments.seeds is None else parse_seeds(arguments.seeds)
     first, *others = [(folder.name, read_episodes(folder, seeds)) for folder in arguments.folders]
-    for name, episodes in others:
-        print(table(name, first[0], compare(first[1], episodes)), end="\n\n")
+    found = {name: compare(first[1], episodes) for name, episodes in others}
+    for name, differences in found.items():
+        print(table(name, first[0], differences), end="\n\n")
+    rows = {name: {task: row._asdict() for task, row in tasks.items()} for name, tasks in found.items()}
+    _print_json({"against": first[0], "differences": rows}, arguments.json)
     return 0
 
 

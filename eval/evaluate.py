@@ -10,7 +10,8 @@ from tqdm import tqdm
 
 from eval.analysis.summary import is_result, statistics_of, summarise
 from eval.episode import EpisodeConfig
-from eval.runner import Crash, RunEpisode, key_of, provenance, run_episodes, run_one
+from eval.provenance import provenance
+from eval.runner import Crash, RunEpisode, key_of, run_episodes, run_one
 from eval.store import ResultStore, Row
 from vuca_nav.errors import BadArgument
 from vuca_nav.provenance import machine

@@ -1,6 +1,5 @@
 """Many episodes in many processes: a worker a core, a single thread a worker, rows kept as they come."""
 
-import importlib.metadata
 import multiprocessing
 import multiprocessing.connection
 import os
@@ -11,15 +10,11 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 from eval.episode import CONFIG_FIELDS, EpisodeConfig, run_episode
-from eval.methods import build, resolve, settings_of
 from eval.store import Row
-from robots.noise import NoiseConfig
-from robots.registry import make_body
-from vuca_nav.provenance import commit
 
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
@@ -123,21 +118,3 @@ def _single_threaded_children() -> Iterator[None]:
                 del os.environ[name]
             else:
                 os.environ[name] = value
-
-
-def provenance(config: EpisodeConfig) -> Row:
-    """Everything that decides on the bits of a result: versions, commit, libraries, all settings.
-
-    Args:
-        config: An episode of the evaluation. The settings are those of its robot and method with all difficulties:
-            a task names those that it leaves out.
-
-    Raises:
-        VucaError: There is no such robot or method, or it cannot be built.
-    """
-    made_by: Row = {
-        name: importlib.metadata.version(name) for name in ("vuca-nav", "mujoco", "numpy", "numba", "scipy")
-    }
-    body = make_body(config.robot)
-    navigator = build(resolve(config.method, config.options), body.spec, body.lidar)
-    return {**made_by, "commit": commit(), "noise": asdict(NoiseConfig()), **settings_of(navigator)}

@@ -8,7 +8,7 @@ from numba import njit
 
 from vuca_nav.types import FloatArray
 from worlds.arrays import ShapeArrays
-from worlds.level_scan import level_columns
+from worlds.level_raycast import level_columns
 
 
 class FootprintClearance:
@@ -188,7 +188,7 @@ class StaticScenes(NamedTuple):
     """Static obstacles of several layouts, one layout after the other."""
 
     shapes: np.ndarray
-    """Columns as ``worlds.level_scan.level_columns`` gives them (s, 10)."""
+    """Columns as ``worlds.level_raycast.level_columns`` gives them (s, 10)."""
     first: np.ndarray
     """Index of each layout's first shape, and the number of all shapes (layouts + 1,)."""
     distance: np.ndarray
@@ -203,7 +203,7 @@ class PartTrajectories(NamedTuple):
     """Parts of the moving obstacles around each of n robots, over some ticks."""
 
     shapes: np.ndarray
-    """Columns as ``worlds.level_scan.level_columns`` gives them; the first four are not read (n, p, 10)."""
+    """Columns as ``worlds.level_raycast.level_columns`` gives them; the first four are not read (n, p, 10)."""
     poses: np.ndarray
     """x, y, cos, sin in the world at each tick (n, ticks, p, 4) [m]."""
     counts: np.ndarray

@@ -1,4 +1,4 @@
-"""Contacts of the robot with the scene: the judge of collisions."""
+"""Contacts of the robot with the scene: they are detected here, and judged by the episode."""
 
 # pyright: reportAttributeAccessIssue=false, reportOptionalMemberAccess=false
 # (MuJoCo's compiled bindings and dm_control's generated elements are invisible to a static checker.)

@@ -7,7 +7,7 @@ from itertools import pairwise
 from vuca_nav.errors import BadWorld
 from worlds.arrays import pack_shapes
 from worlds.clearance import ClearanceField, clearance_at, clearance_field, distance_to_wide_ways
-from worlds.scenes.population import MOVER_WAY, WAY_MARGIN
+from worlds.scenes.parts.population import MOVER_WAY, WAY_MARGIN
 from worlds.shortest_path import shortest_path_length
 from worlds.world import Box, Mover, Patrol, RandomWalk, Shape, World
 

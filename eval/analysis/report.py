@@ -21,7 +21,7 @@ from vuca_nav.files import prepare_directory, write_whole
 
 INDEX = "index"
 LIBRARIES = ("vuca-nav", "mujoco", "numpy", "numba", "scipy")
-"""The libraries whose versions a page names, as ``eval.runner.provenance`` records them."""
+"""The libraries whose versions a page names, as ``eval.provenance.provenance`` records them."""
 
 
 class Evaluation(NamedTuple):

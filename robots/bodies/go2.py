@@ -6,8 +6,8 @@ Numbers come from example-robot-data's ``go2.urdf`` ("the URDF") or from MuJoCo 
 
 import numpy as np
 
-from robots.locomotion.body import Quadruped
 from robots.locomotion.config import Ball, Drum, QuadrupedConfig, Trot
+from robots.locomotion.quadruped import Quadruped
 from vuca_nav.types import BodySpec, LidarSpec
 
 FOOTPRINT = np.array(

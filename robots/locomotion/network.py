@@ -22,7 +22,7 @@ from robots.locomotion.kernels import (
 )
 from robots.locomotion.odometry import VELOCITY_GAIN
 from vuca_nav.errors import BadWeights, VucaError
-from vuca_nav.weights import checked, present, read_weights
+from vuca_nav.safetensors_file import checked, present, read_weights
 
 FORMAT = "vuca-gait-1"
 WEIGHTS_FOLDER = Path(__file__).parent / "weights"

@@ -7,7 +7,8 @@ from eval.analysis.summary import statistics_of, summarise, table
 from eval.episode import EpisodeConfig
 from eval.evaluate import evaluate
 from eval.methods import METHODS, ExplorerSettings, Method, MethodOptions
-from eval.runner import Crash, provenance, run_episodes
+from eval.provenance import provenance
+from eval.runner import Crash, run_episodes
 from eval.suites import SUITES, episodes_of, find_suite, parse_seeds
 from tests.eval import jobs
 from train.arena.config import ArenaConfig

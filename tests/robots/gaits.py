@@ -7,9 +7,9 @@ import numpy as np
 from safetensors.numpy import save_file
 
 from robots.bodies.go2 import GO2
-from robots.locomotion.body import Quadruped
 from robots.locomotion.kernels import ACTION_SIZE, OBSERVATION_SIZE
 from robots.locomotion.network import FORMAT, gait_contract
+from robots.locomotion.quadruped import Quadruped
 
 
 def untaught(folder: Path, **changes) -> Quadruped:

@@ -11,7 +11,7 @@ from worlds import WORLDS, load_scene, make_world, save_scene
 from worlds.arrays import pack_shapes
 from worlds.clearance import clearance_at
 from worlds.registry import CORRIDOR_KINDS, ordered_difficulties
-from worlds.scenes.population import LARGEST_FOOTPRINT
+from worlds.scenes.parts.population import LARGEST_FOOTPRINT
 from worlds.shortest_path import shortest_path_length
 from worlds.world import Box, Cylinder, Obstacle, RandomWalk, SocialForce
 

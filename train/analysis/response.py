@@ -1,7 +1,8 @@
 """Response of a body's velocity to its command: gain, lag, delay and noise of each axis, identified in MuJoCo.
 
 The training arena moves its robots by this model; evaluation runs the body itself. Run as
-``python -m train.analysis.response --robot go2 --out DIR``; its result is kept as robots/bodies/responses/go2.json.
+``python -m train.analysis.response --robot go2 --out DIR``; its result is kept as
+robots/bodies/responses/go2.json, its plot as docs/images/response_go2.png.
 """
 
 import json
@@ -173,7 +174,7 @@ def identify(body: Body, out: Path, seed: int) -> dict[str, AxisResponse]:
     figure.savefig(out / f"response_{spec.name}.png", dpi=90)
     plt.close(figure)
     rows = {name: {k: round(v, 5) for k, v in asdict(response).items()} for name, response in responses.items()}
-    write_whole(out / f"response_{spec.name}.json", json.dumps({"robot": spec.name, **rows}, indent=2) + "\n")
+    write_whole(out / f"{spec.name}.json", json.dumps({"robot": spec.name, **rows}, indent=2) + "\n")
     return responses
 
 

@@ -17,7 +17,7 @@ from vuca_nav.footprint import outline_ranges
 from vuca_nav.policy.track_features import time_to_meeting
 from vuca_nav.task import NEAR_RANGE
 from vuca_nav.types import FloatArray, LidarSpec
-from worlds.level_scan import CurrentParts, Standing, cast_level
+from worlds.level_raycast import CurrentParts, Standing, cast_level
 from worlds.motion.mover_columns import RADIUS, V_X, V_Y, X, Y
 
 SITUATIONS = ("open floor", "tight passage", "sudden mover", "dead end", "known mover", "other")

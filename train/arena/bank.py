@@ -25,9 +25,9 @@ from vuca_nav.files import write_whole
 from vuca_nav.types import FloatArray
 from worlds.arrays import pack_shapes
 from worlds.clearance import ClearanceField, clearance_field, distance_to_wide_ways
-from worlds.level_scan import LEVEL_COLUMNS, level_columns
+from worlds.level_raycast import LEVEL_COLUMNS, level_columns
 from worlds.registry import make_world
-from worlds.scenes.population import BODIES, MOVER_WAY, long_ways
+from worlds.scenes.parts.population import BODIES, MOVER_WAY, long_ways
 from worlds.shortest_path import STEPS
 from worlds.world import World
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from train.arena.bank import MAX_PARTS
-from worlds.level_scan import LEVEL_COLUMNS
+from worlds.level_raycast import LEVEL_COLUMNS
 from worlds.motion.mover_columns import GOAL_X, GOAL_Y, START_X, START_Y, STATE_SIZE
 from worlds.motion.walk import MoverRequest, MoverRows, PartRows
 

@@ -28,7 +28,7 @@ from train.arena.rows import GOAL_X, GOAL_Y, Rows
 from vuca_nav.policy.observation import ObservationConfig, Observer, command_from_action, goal_features
 from vuca_nav.task import GOAL_TOLERANCE
 from vuca_nav.types import FloatArray, LidarSpec
-from worlds.level_scan import CurrentParts, Standing, cast_level
+from worlds.level_raycast import CurrentParts, Standing, cast_level
 from worlds.motion.movers import TICK, TICK_RATE, TURN_RATE
 from worlds.motion.walk import Population, WideWays, place_batch, walk_batch
 

@@ -22,7 +22,7 @@ import numpy as np
 from tqdm import tqdm
 
 from robots.bodies.kinematics import planar_pose
-from robots.locomotion.body import Quadruped
+from robots.locomotion.quadruped import Quadruped
 from robots.noise import NoiseConfig
 from robots.registry import find_quadruped
 from train.locomotion.floors import SILL_DEPTH, Floor, compile_model

@@ -6,7 +6,7 @@ import torch
 
 from train.arena.rewards import find_rewards
 from train.navigation.environment import Environment
-from train.navigation.gate import GateLoss
+from train.navigation.gate_losses import GateLoss
 from train.navigation.mirror import ACTION_SIGNS, observation_mirror
 from train.navigation.networks import FusedActor, make_critic
 from train.navigation.rollouts import ArenaRollouts

@@ -7,7 +7,7 @@ from torch import Tensor, nn
 from train.arena.rewards import TERMS, RewardWeights, reward_terms
 from train.navigation.config import NavigationPpoConfig
 from train.navigation.environment import Environment
-from train.navigation.gate import entropy
+from train.navigation.gate_losses import entropy
 from train.navigation.networks import ACTION_SIZE, FusedActor
 from train.ppo.estimates import log_prob
 from train.ppo.rollout import Rollout, Rollouts

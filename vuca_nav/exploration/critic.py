@@ -11,8 +11,8 @@ from vuca_nav.geometry import inverse, transform_points
 from vuca_nav.perception.percept import Percept
 from vuca_nav.policy.observation import ObservationConfig, PerceptObserver, goal_features
 from vuca_nav.policy.weights_file import LAYERS, Single, layer_shapes, observation_config
+from vuca_nav.safetensors_file import checked_all, read_weights
 from vuca_nav.types import BodySpec, FloatArray, LidarSpec, Pose2
-from vuca_nav.weights import checked_all, read_weights
 
 FORMAT = "vuca-safety-1"
 SHIPPED = Path(__file__).parent / "weights" / "critic.safetensors"

@@ -244,6 +244,19 @@ class DynamicWindow(LocalPolicy):
         self._waited += self._dt
 
 
+_ESCAPE_DIRECTIONS = 16
+"""Directions of the way out that are tried, besides standing."""
+_LOSS_WEIGHT = 4.0
+"""Weight of a loss of clearance against a gain, in tight spots."""
+_CHANGE_WEIGHT, _TURN_SHARE = 0.05, 0.1
+"""Cost of another velocity than the last, in metres for 1 m/s, and the share of it for 1 rad/s: 2 cm, the range noise,
+for turning about at 0.2 m/s. The body must not waver between equally good ways."""
+_TURN_COST = 0.01
+"""Cost of turning at all [m]."""
+_GETS_CLEAR = 1e-3
+"""Clearance that a trajectory has to gain with each step where it begins too near an obstacle [m]."""
+
+
 @njit(cache=True)
 def _best(field, discs, settings, start, target, limits, last_w):
     """Find the cheapest admissible pair of velocities, and whether there was any.
@@ -321,7 +334,7 @@ def _best(field, discs, settings, start, target, limits, last_w):
             c, s = headings[b, step, 2], headings[b, step, 3]
             clearance = clearance_at(field, discs, x, y, c, s) - margin
             # Too near an obstacle the body may still move away from it.
-            if clearance < 0.0 and clearance <= clearance_now + 1e-3 * step:
+            if clearance < 0.0 and clearance <= clearance_now + _GETS_CLEAR * step:
                 free = step * dt
                 break
             least = min(least, clearance)
@@ -367,9 +380,10 @@ def _clearest(field, discs, centre, settings, start, last):
     now = clearance_at(field, discs, start_x, start_y, start_cos, start_sin)
     best = -1e30
     best_x, best_y, best_w = 0.0, 0.0, 0.0
-    for k in range(17):
-        v_x = settings.speed * math.cos(0.125 * math.pi * k) if k < 16 else 0.0
-        v_y = settings.speed * math.sin(0.125 * math.pi * k) if k < 16 else 0.0
+    for k in range(_ESCAPE_DIRECTIONS + 1):
+        moves, angle = k < _ESCAPE_DIRECTIONS, 2.0 * math.pi * k / _ESCAPE_DIRECTIONS
+        v_x = settings.speed * math.cos(angle) if moves else 0.0
+        v_y = settings.speed * math.sin(angle) if moves else 0.0
         if v_x < settings.min_v_x - 1e-9 or abs(v_y) > settings.max_v_y + 1e-9:
             continue
         for turn in range(-1, 2):
@@ -384,11 +398,10 @@ def _clearest(field, discs, centre, settings, start, last):
                 c, s = c * half_cos - s * half_sin, s * half_cos + c * half_sin
                 least = min(least, clearance_at(field, discs, x, y, c, s))
             gain = min(clearance_at(field, centre, x, y, 1.0, 0.0), settings.enough)
-            # In tight spots a loss of clearance counts four times a gain; beyond a cell's clearance it counts nothing.
+            # Beyond a cell's clearance a loss counts nothing.
             loss = max(0.0, min(now, field.resolution) - least)
-            # Two centimetres, the range noise, for a change of way: the body must not waver between equally good ones.
-            change = abs(v_x - last[0]) + abs(v_y - last[1]) + 0.1 * abs(w - last[2])
-            value = gain - 4.0 * loss - 0.05 * change - 0.01 * abs(turn)
+            change = abs(v_x - last[0]) + abs(v_y - last[1]) + _TURN_SHARE * abs(w - last[2])
+            value = gain - _LOSS_WEIGHT * loss - _CHANGE_WEIGHT * change - _TURN_COST * abs(turn)
             if value > best:
                 best, best_x, best_y, best_w = value, v_x, v_y, w
     return best_x, best_y, best_w

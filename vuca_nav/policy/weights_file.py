@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vuca_nav.errors import BadArgument, BadWeights
 from vuca_nav.policy.observation import ObservationConfig
-from vuca_nav.weights import checked_all, present, read_weights
+from vuca_nav.safetensors_file import checked_all, present, read_weights
 
 FORMAT = "vuca-policy-1"
 WEIGHTS_FOLDER = Path(__file__).parent / "weights"

@@ -35,7 +35,7 @@ from worlds.motion.mover_columns import (
     Y,
 )
 from worlds.motion.walk import PATIENCE, decide
-from worlds.scenes.population import MOVER_WAY
+from worlds.scenes.parts.population import MOVER_WAY
 from worlds.world import STRIDE, Patrol, RandomWalk, World
 
 TICK_RATE = 30.0

@@ -32,7 +32,7 @@ from worlds.motion.mover_columns import (
     X,
     Y,
 )
-from worlds.scenes.population import MOVER_WAY, WAY_MARGIN
+from worlds.scenes.parts.population import MOVER_WAY, WAY_MARGIN
 from worlds.splitmix import next_uniform
 from worlds.world import STRIDE
 

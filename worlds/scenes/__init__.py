@@ -1,1 +1,1 @@
-"""Generators of scenes, each from a seed."""
+"""Generators of scenes, each from a seed; ``training`` has the worlds ``static`` and ``dynamic``."""

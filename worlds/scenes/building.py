@@ -9,7 +9,7 @@ from numpy.random import Generator
 from vuca_nav.errors import BadWorld
 from vuca_nav.types import Pose2
 from worlds.clearance import ClearanceField
-from worlds.scenes.generation import (
+from worlds.scenes.parts.generation import (
     LOW_HEIGHT,
     Layout,
     heading,
@@ -20,7 +20,7 @@ from worlds.scenes.generation import (
     stream,
     uniform,
 )
-from worlds.scenes.population import LARGEST_FOOTPRINT, START_DISTANCE, person_body
+from worlds.scenes.parts.population import LARGEST_FOOTPRINT, START_DISTANCE, person_body
 from worlds.world import Mover, Obstacle, SocialForce, World
 
 NAME = "building"

@@ -5,8 +5,8 @@ from dataclasses import replace
 from numpy.random import Generator
 
 from vuca_nav.types import Pose2
-from worlds.scenes.generation import Layout, heading, outer_walls, rectangle, solvable_layout, stream, uniform
-from worlds.scenes.population import random_movers
+from worlds.scenes.parts.generation import Layout, heading, outer_walls, rectangle, solvable_layout, stream, uniform
+from worlds.scenes.parts.population import random_movers
 from worlds.world import Box, Obstacle, Way, World
 
 NAME = "double_branch"

@@ -3,11 +3,11 @@
 from numpy.random import Generator
 
 from vuca_nav.types import Pose2
-from worlds.scenes.furnishing import blocks, closed_sections, furniture
-from worlds.scenes.generation import Layout, heading, outer_wall, rectangle, solvable_layout, stream
-from worlds.scenes.lanes import HALF, HALL, MIDDLE_WALL
-from worlds.scenes.lattice import Lattice, draw_lattice
-from worlds.scenes.population import random_movers
+from worlds.scenes.parts.furnishing import blocks, closed_sections, furniture
+from worlds.scenes.parts.generation import Layout, heading, outer_wall, rectangle, solvable_layout, stream
+from worlds.scenes.parts.lanes import HALF, HALL, MIDDLE_WALL
+from worlds.scenes.parts.lattice import Lattice, draw_lattice
+from worlds.scenes.parts.population import random_movers
 from worlds.world import Mover, Obstacle, World
 
 NAME = "factory"

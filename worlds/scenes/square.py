@@ -5,9 +5,9 @@ import math
 from numpy.random import Generator
 
 from vuca_nav.types import Pose2
-from worlds.scenes.generation import Layout, heading, outer_walls, uniform
-from worlds.scenes.population import ground_with_movers
-from worlds.scenes.scatter import Ground, roadblock
+from worlds.scenes.parts.generation import Layout, heading, outer_walls, uniform
+from worlds.scenes.parts.population import ground_with_movers
+from worlds.scenes.parts.scatter import Ground, roadblock
 from worlds.world import World
 
 NAME = "square"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from train.navigation.gate import entropy
+from train.navigation.gate_losses import entropy
 from train.navigation.mirror import ACTION_SIGNS, observation_mirror
 from train.navigation.networks import Activation, FusedActor, NetworkConfig, make_critic
 from train.navigation.skills import SKILLS, skill_labels

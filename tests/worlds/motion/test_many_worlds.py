@@ -10,7 +10,7 @@ from robots.clearance import FootprintClearance, Outlines, PartTrajectories, Sta
 from vuca_nav.types import LidarSpec, Pose2
 from worlds.arrays import pack_shapes
 from worlds.clearance import clearance_field, distance_to_wide_ways
-from worlds.level_scan import CurrentParts, Standing, cast_level, level_columns
+from worlds.level_raycast import CurrentParts, Standing, cast_level, level_columns
 from worlds.motion.mover_columns import (
     DIRECTION,
     FIRST_WAYPOINT,
@@ -28,7 +28,7 @@ from worlds.motion.movers import TICK, TURN_RATE, MoverField
 from worlds.motion.walk import PATIENCE, MoverRows, PartRows, WideWays, walk_batch
 from worlds.raycast import RayCaster
 from worlds.registry import make_world
-from worlds.scenes.population import MOVER_WAY
+from worlds.scenes.parts.population import MOVER_WAY
 from worlds.world import Box, Cylinder, Mover, MoverPart, Patrol, RandomWalk, World
 
 NUM_BEAMS = 180

@@ -11,7 +11,7 @@ from worlds.arrays import pack_shapes
 from worlds.clearance import clearance_at
 from worlds.motion.movers import TICK_RATE
 from worlds.motion.walk import PATIENCE
-from worlds.scenes.scatter import outline
+from worlds.scenes.parts.scatter import outline
 from worlds.world import STRIDE, Box, Cylinder, Mover, MoverPart, Obstacle, Patrol, RandomWalk, SocialForce, World
 
 DISC = (MoverPart(Cylinder(0.0, 0.0, 0.3, 1.0)),)

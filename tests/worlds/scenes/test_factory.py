@@ -10,7 +10,7 @@ from worlds import make_world
 from worlds.arrays import pack_shapes
 from worlds.clearance import clearance_at, clearance_field
 from worlds.scenes.factory import QUARTER_BOUNDS, factory_lattice
-from worlds.scenes.generation import reachable_cells, rectangle
+from worlds.scenes.parts.generation import reachable_cells, rectangle
 from worlds.shortest_path import shortest_path
 
 CASES = [(region, seed) for region in (1, 2, 3, 4) for seed in range(4)]

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from numpy.random import Generator
 
-from worlds.scenes.generation import uniform
+from worlds.scenes.parts.generation import uniform
 
 HALL = 40.0
 """Side of the whole factory [m]."""

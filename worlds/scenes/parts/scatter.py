@@ -6,7 +6,7 @@ from numpy.random import Generator
 
 from worlds.arrays import pack_shapes
 from worlds.clearance import clearance_at
-from worlds.scenes.generation import LOW_HEIGHT, WALL_HEIGHT, uniform
+from worlds.scenes.parts.generation import LOW_HEIGHT, WALL_HEIGHT, uniform
 from worlds.world import Box, Cylinder, Obstacle, Shape
 
 

@@ -10,7 +10,7 @@ from scipy import ndimage
 from vuca_nav.errors import BadWorld
 from vuca_nav.types import Pose2
 from worlds.clearance import ClearanceField, distance_to_wide_ways
-from worlds.scenes.generation import Layout, reachable_cells, solvable_layout, stream, uniform
+from worlds.scenes.parts.generation import Layout, reachable_cells, solvable_layout, stream, uniform
 from worlds.world import Box, Cylinder, Mover, MoverKind, MoverPart, RandomWalk, World
 
 MOVER_WAY = 2.2

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 from numpy.random import Generator
 
-from worlds.scenes.generation import LOW_HEIGHT, pillar, rectangle, uniform
-from worlds.scenes.lanes import HALF, HALL, MIDDLE_WALL, SETBACK
-from worlds.scenes.lattice import Junction, Lattice
+from worlds.scenes.parts.generation import LOW_HEIGHT, pillar, rectangle, uniform
+from worlds.scenes.parts.lanes import HALF, HALL, MIDDLE_WALL, SETBACK
+from worlds.scenes.parts.lattice import Junction, Lattice
 from worlds.world import Cylinder, Obstacle
 
 MAX_CORRIDOR = 3.0

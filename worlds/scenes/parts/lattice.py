@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.random import Generator
 
-from worlds.scenes.lanes import SETBACK, Lanes, draw_lanes
+from worlds.scenes.parts.lanes import SETBACK, Lanes, draw_lanes
 
 ALLEY_DEPTH = 5.0
 """Least depth of a blind alley, from its mouth to its end [m]."""

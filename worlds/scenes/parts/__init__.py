@@ -1,0 +1,1 @@
+"""Parts that the generated scenes are made of: layouts, furniture, populations of movers."""
