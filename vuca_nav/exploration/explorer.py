@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from vuca_nav.exploration.frontiers import find_frontiers
-from vuca_nav.exploration.heuristic import Critic, NoCritic, score_candidates
+from vuca_nav.exploration.heuristic import Critic, NoCritic, Score, score_candidates
 from vuca_nav.geometry import transform_points
 from vuca_nav.mapping.grid import OccupancyGrid
 from vuca_nav.perception.percept import Percept
@@ -27,8 +27,10 @@ _STILL_THERE = 0.2
 class ExplorerConfig:
     """Settings of the choice and of its triggers."""
 
+    score: Score = "metres"
+    """How D^h and V^h are weighed against each other."""
     gamma: float = 0.0
-    """Extra way that is worth it if it surely spares meeting a mover [m]; it needs a critic."""
+    """Weight of V^h, which needs a critic: in metres, the extra way that surely sparing a mover is worth [m]."""
     look_ahead: float = 4.0
     """Length along the path to a candidate at which the critic rates it [m]: the near part of the way can be seen."""
     min_frontier: float = 0.4
@@ -180,7 +182,7 @@ class Explorer:
             away = np.hypot(points[:, 0] - self.target.point[0], points[:, 1] - self.target.point[1])
             goal_cost = goal_cost - config.hysteresis * (away < config.same_within)
         self.telemetry.safety(lambda asked: self.critic.values(asked, percept, pose))
-        scores = score_candidates(goal_cost, safety, config.gamma)
+        scores = score_candidates(goal_cost, safety, config.gamma, config.score)
         chosen = int(np.argmin(scores.total))
         self.telemetry.frontiers(FrontierView(points, scores.goal_term, scores.safety_term, scores.total, chosen))
         self.target = Target(

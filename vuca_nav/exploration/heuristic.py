@@ -1,12 +1,15 @@
 """The heuristic function (Zhang et al., Section III-C): length of the way to the goal, and its safety."""
 
 from abc import ABC, abstractmethod
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from vuca_nav.perception.percept import Percept
 from vuca_nav.types import FloatArray, Pose2
+
+LEAST = 1e-9
+"""A spread of less is none."""
 
 
 class Critic(ABC):
@@ -34,25 +37,33 @@ class NoCritic(Critic):
         return np.ones(len(points_in_map))
 
 
+Score = Literal["metres", "normalised"]
+"""How the two terms are weighed: ``metres`` adds them as lengths, ``normalised`` divides each by its spread."""
+
+
 class Scores(NamedTuple):
-    """The two terms and their sum, each (n,) [m]; the smallest total is best."""
+    """The two terms and their sum, each (n,), in metres or normalised; the smallest total is best."""
 
     goal_term: FloatArray
     safety_term: FloatArray
     total: FloatArray
 
 
-def score_candidates(goal_cost: FloatArray, safety: FloatArray, gamma: float) -> Scores:
-    """``D - D_min + gamma (V_max - V)``: both terms are metres, and 0 for the best.
+def score_candidates(goal_cost: FloatArray, safety: FloatArray, gamma: float, score: Score = "metres") -> Scores:
+    """Score candidates by ``D - D_min + gamma (V_max - V)``; ``normalised`` divides each term by its spread.
 
-    The paper divides each term by its spread among the candidates. With that, a hair's breadth between points that are
-    equally safe weighs as much as a crowd before one of them.
+    The paper prints ``normalised`` (Section III-C). With it, a hair's breadth between points that are equally safe
+    weighs as much as a crowd before one of them.
 
     Args:
         goal_cost: D^h (n,), n >= 1: Euclidean distance to the goal plus path length from the robot [m].
-        safety: V^h (n,), chances.
-        gamma: Extra way that is worth it if it surely spares meeting a mover [m].
+        safety: V^h (n,), higher is safer.
+        gamma: Weight of V^h: for ``metres`` the extra way that is worth it if it surely spares meeting a mover [m], for
+            ``normalised`` without dimension.
+        score: How the terms are weighed.
     """
-    goal_term = goal_cost - goal_cost.min()
-    safety_term = gamma * (safety.max() - safety)
+    goal_term, safety_term = goal_cost - goal_cost.min(), safety.max() - safety
+    if score == "normalised":
+        goal_term, safety_term = goal_term / max(goal_term.max(), LEAST), safety_term / max(safety_term.max(), LEAST)
+    safety_term = gamma * safety_term
     return Scores(goal_term, safety_term, goal_term + safety_term)
