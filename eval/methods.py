@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple
 from vuca_nav.errors import BadArgument, BadWeights, UnknownName
 from vuca_nav.exploration.critic import SHIPPED, LearnedCritic, load_critic
 from vuca_nav.exploration.explorer import ExplorerConfig
-from vuca_nav.exploration.heuristic import NoCritic
+from vuca_nav.exploration.heuristic import NoCritic, Score
 from vuca_nav.mapping.slam import SlamConfig
 from vuca_nav.navigator import Navigator, NavigatorConfig
 from vuca_nav.perception.perception import PerceptionConfig
@@ -38,6 +38,8 @@ has arrived."""
 class ExplorerSettings:
     """Settings of the choice of the exploration point."""
 
+    score: Score = "metres"
+    """How D^h and V^h are weighed: as lengths, or each divided by its spread, as the paper prints it."""
     rate: float = 0.2
     """Rate at which it is chosen anew, besides the triggers [Hz]: the paper's."""
     hysteresis: float = 3.0
@@ -96,7 +98,12 @@ METHODS: dict[str, Method] = {
     "ours": Method(
         "the full system: the policy of fusion-plus under a shield, frontiers by D^h and V^h",
         _network(
-            "fusion-plus", gate=Gate(), shield=True, critic=SHIPPED, explorer=ExplorerSettings(CRITIC_RATE), gamma=GAMMA
+            "fusion-plus",
+            gate=Gate(),
+            shield=True,
+            critic=SHIPPED,
+            explorer=ExplorerSettings(rate=CRITIC_RATE),
+            gamma=GAMMA,
         ),
     ),
     "ours-dh": Method("the full system without V^h", _network("fusion-plus", gate=Gate(), shield=True)),
@@ -279,7 +286,9 @@ def build(
     critic = None if method.critic is None else load_critic(method.critic)
     looks_back = (file.observation.memory for file in (weights, critic) if file is not None)
     memory = max(method.perception.memory, *looks_back, 0.0)
-    explorer = ExplorerConfig(gamma=method.gamma or 0.0, hysteresis=method.explorer.hysteresis)
+    explorer = ExplorerConfig(
+        score=method.explorer.score, gamma=method.gamma or 0.0, hysteresis=method.explorer.hysteresis
+    )
     config = NavigatorConfig(
         exploration_rate=method.explorer.rate,
         perception=replace(method.perception, memory=memory),

@@ -112,9 +112,17 @@ def test_heuristic_by_hand():
     np.testing.assert_allclose(scores.total, [8.0, 4.0, 4.0])
 
 
-def test_heuristic_of_equals_is_zero():
-    scores = score_candidates(np.array([3.0, 3.0]), np.array([1.0, 1.0]), gamma=1.0)
+@pytest.mark.parametrize("score", ["metres", "normalised"])
+def test_heuristic_of_equals_is_zero(score):
+    scores = score_candidates(np.array([3.0, 3.0]), np.array([1.0, 1.0]), gamma=1.0, score=score)
     np.testing.assert_array_equal(scores.total, [0.0, 0.0])
+
+
+def test_the_printed_heuristic_divides_each_term_by_its_spread():
+    scores = score_candidates(np.array([10.0, 14.0, 12.0]), np.array([0.5, 0.9, 0.8]), 2.0, "normalised")
+    np.testing.assert_allclose(scores.goal_term, [0.0, 1.0, 0.5])
+    np.testing.assert_allclose(scores.safety_term, [2.0, 0.0, 0.5], atol=1e-12)
+    np.testing.assert_allclose(scores.total, [2.0, 1.0, 1.0])
 
 
 class Decisions(Telemetry):
