@@ -70,7 +70,7 @@ def test_the_table():
         "gate": {"uniform": False, "without": None},
         "shield": True,
         "critic": "critic",
-        "explorer": {"rate": 1.0, "hysteresis": 3.0},
+        "explorer": {"score": "metres", "rate": 1.0, "hysteresis": 3.0},
         "gamma": 300.0,
         "perception": asdict(PerceptionConfig()),
     }
