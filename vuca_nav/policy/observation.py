@@ -2,7 +2,7 @@
 
 Ranges are given beyond the footprint and velocities relative to the body's limits. ``Observer`` serves training
 (hundreds of rows a call, with a memory of its own), ``PerceptObserver`` simulation and robot (one row, all of which is
-in the percept); the numbers are the same.
+in the percept); for the same scans and tracks the numbers are the same.
 """
 
 import math
