@@ -328,11 +328,18 @@ def _best(field, discs, settings, start, target, limits, last_w):
         least = 1e9
         nearest = (goal_x - x) ** 2 + (goal_y - y) ** 2
         free = horizon
+        before = clearance_now
         for step in range(steps):
-            x += v * headings[b, step, 0] * dt
-            y += v * headings[b, step, 1] * dt
+            half_x, half_y = 0.5 * v * headings[b, step, 0] * dt, 0.5 * v * headings[b, step, 1] * dt
+            x += 2.0 * half_x
+            y += 2.0 * half_y
             c, s = headings[b, step, 2], headings[b, step, 3]
             clearance = clearance_at(field, discs, x, y, c, s) - margin
+            # A step is longer than a corner is wide: between two places that are this near to obstacles, look again.
+            if min(before, clearance) < 0.5 * abs(v) * dt:
+                half_c, half_s = headings[b, step, 0], headings[b, step, 1]
+                clearance = min(clearance, clearance_at(field, discs, x - half_x, y - half_y, half_c, half_s) - margin)
+            before = clearance
             # Too near an obstacle the body may still move away from it.
             if clearance < 0.0 and clearance <= clearance_now + _GETS_CLEAR * step:
                 free = step * dt
