@@ -49,18 +49,19 @@ class Physics:
         data: State of ``model``: positions, velocities, controls and sensors of the robot are always those of the
             last step. Quantities that MuJoCo derives from them are those of the last step out of
             reach of the scene.
+        scene_model: The robot in the scene.
     """
 
     def __init__(self, world: World, body: Body, rate: float):
         self.model = build_model(replace(world, obstacles=(), movers=()), body, rate)
         self.model.opt.disableflags |= _NOT_FOR_ONE_ROBOT
         self.data = mujoco.MjData(self.model)
-        self._scene_model = build_model(world, body, rate)
-        self._scene_data = mujoco.MjData(self._scene_model)
-        self._contacts = SceneContacts(self._scene_model, _kinds(world))
+        self.scene_model = build_model(world, body, rate)
+        self._scene_data = mujoco.MjData(self.scene_model)
+        self._contacts = SceneContacts(self.scene_model, _kinds(world))
         self._state = np.empty(mujoco.mj_stateSize(self.model, _STATE))
         robot = self.model.body(f"{body.spec.name}/").id
-        shift = self._scene_model.nbody - self.model.nbody  # the robot's bodies come last in both
+        shift = self.scene_model.nbody - self.model.nbody  # the robot's bodies come last in both
         self._per_body = [
             (getattr(self.data, name)[robot:], getattr(self._scene_data, name)[robot + shift :])
             for name in ("xfrc_applied", "xpos", "xquat")
@@ -70,7 +71,7 @@ class Physics:
     def reset(self) -> None:
         """Put both models back to their initial states."""
         mujoco.mj_resetData(self.model, self.data)
-        mujoco.mj_resetData(self._scene_model, self._scene_data)
+        mujoco.mj_resetData(self.scene_model, self._scene_data)
 
     def step_alone(self, steps: int) -> None:
         """Step the robot on the floor; nothing of the scene may be within its reach meanwhile."""
@@ -87,7 +88,7 @@ class Physics:
         Returns:
             Name and kind of the first obstacle or part that the robot touched, None if it touched none.
         """
-        model, data = self._scene_model, self._scene_data
+        model, data = self.scene_model, self._scene_data
         forces, *poses = self._per_body
         place_mocap(part_poses, *self._mocap)
         mujoco.mj_getState(self.model, self.data, self._state, _STATE)
@@ -103,6 +104,18 @@ class Physics:
         for alone, in_scene in poses:
             alone[:] = in_scene
         return touched
+
+    def copy_scene(self, data: mujoco.MjData, part_poses: FloatArray) -> None:
+        """Write the robot in the scene as it is now, for pictures.
+
+        Args:
+            data: A state of ``scene_model`` of the caller's own, overwritten.
+            part_poses: As for ``step_in_scene``.
+        """
+        place_mocap(part_poses, data.mocap_pos, data.mocap_quat)
+        mujoco.mj_getState(self.model, self.data, self._state, _STATE)
+        mujoco.mj_setState(self.scene_model, data, self._state, _STATE)
+        mujoco.mj_forward(self.scene_model, data)
 
 
 def build_model(world: World, body: Body, physics_rate: float) -> mujoco.MjModel:

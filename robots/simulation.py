@@ -76,6 +76,7 @@ class Simulation:
         true_pose: Pose of base_link in the world.
         model: MuJoCo model of the robot on the floor, see :class:`robots.physics.Physics`.
         data: MuJoCo state of that model.
+        scene_model: MuJoCo model of the robot in the scene.
         contact: Kind ("wall", "cart", ...) of the first obstacle or mover that the robot has touched; None before.
         contact_name: Name of that obstacle or mover's part, e.g. "wall_12".
         fallen: Whether the robot lies on the floor or leans too far to recover.
@@ -110,6 +111,7 @@ class Simulation:
 
         self._physics = Physics(world, body, rates.physics)
         self.model, self.data = self._physics.model, self._physics.data
+        self.scene_model = self._physics.scene_model
         base = self.model.body(f"{body.spec.name}/").id
         start = self.model.jnt_qposadr[self.model.body_jntadr[base]]
         self._base_qpos = self.data.qpos[start : start + 7]
@@ -181,6 +183,16 @@ class Simulation:
         self.time = self._ticks / self._rates.lidar
         self._telemetry.time(self.time)
         return self._observe()
+
+    def copy_scene(self, data: mujoco.MjData) -> None:
+        """Write the robot in the scene as it is now into a state of ``scene_model``, for pictures."""
+        self._physics.copy_scene(data, self._movers.part_poses)
+
+    def __reduce__(self):
+        # A copy of MuJoCo's arrays would no longer be what MuJoCo steps: such a robot would stand for ever.
+        raise TypeError(
+            "a Simulation can be neither copied nor pickled; another of the same world and seed is the same"
+        )
 
     def _advance_physics(self, x: float, y: float, yaw: float) -> None:
         """Advance the physics by one control step, in the scene if a contact with it is possible."""
