@@ -85,6 +85,7 @@ class Arena:
         ]  # fmt: skip
         self._pool = ThreadPoolExecutor(threads - 1) if threads > 1 else None
         self._seed(seed)
+        self._begun = False
         self._step = ArenaStep(*self.outputs[:8])
 
     def reset(self, seed: int | None = None) -> NDArray[np.float32]:
@@ -100,6 +101,7 @@ class Arena:
             self._seed(seed)
         for shard in self.shards:
             shard.reset()
+        self._begun = True
         return self.outputs.observation
 
     def restart(self, rows: NDArray[np.bool_]) -> NDArray[np.float32]:
@@ -133,8 +135,10 @@ class Arena:
             action: (n, 3) shares of the body's limits in [-1, 1]; values beyond are clipped.
 
         Raises:
-            BadArgument: If an action is not finite or the shape is wrong.
+            BadArgument: If an action is not finite or the shape is wrong, or no episode has begun.
         """
+        if not self._begun:
+            raise BadArgument("a step of an arena in which no episode has begun: reset() comes first")
         if action.shape != (self.n, 3):
             raise BadArgument(f"actions of shape {action.shape}: {(self.n, 3)} is right")
         if not np.isfinite(action).all():
@@ -148,6 +152,10 @@ class Arena:
         for future in waiting:
             future.result()
         return self._step
+
+    def __reduce__(self):
+        # The shards write into views of the outputs: a copy's outputs would never change again.
+        raise TypeError("an Arena can be neither copied nor pickled; another of the same settings and seed is the same")
 
     @property
     def active(self) -> NDArray[np.bool_]:

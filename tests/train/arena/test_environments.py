@@ -1,7 +1,11 @@
+import copy
+import pickle
+
 import gymnasium
 import numpy as np
 import pytest
 import torch
+from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 from gymnasium.vector import AutoresetMode
 from torchrl.envs import check_env_specs
 
@@ -75,6 +79,45 @@ def test_gymnasium_vector_environment():
     env.close()
 
 
+def test_there_is_no_step_before_a_reset_nor_after_a_close():
+    env = ArenaVectorEnv(arena(4))
+    with pytest.raises(ResetNeeded, match="reset"):
+        env.step(np.zeros((4, 3), np.float32))
+    with pytest.raises(BadArgument, match="reset"):
+        arena(4).step(np.zeros((4, 3), np.float32))
+    env.reset(seed=0)
+    env.close()
+    env.close()
+    with pytest.raises(ClosedEnvironmentError):
+        env.step(np.zeros((4, 3), np.float32))
+
+
+def test_bad_actions_and_seeds_are_refused():
+    env = ArenaVectorEnv(arena(4))
+    with pytest.raises(BadArgument, match=r"seed \[0, 1, 2, 3\]"):
+        env.reset(seed=[0, 1, 2, 3])  # type: ignore[arg-type]
+    env.reset(seed=0)
+    with pytest.raises(BadArgument, match="row 2"):
+        env.step(np.array([[0, 0, 0], [0, 0, 0], [0, np.nan, 0], [0, 0, 0]], np.float32))
+    with pytest.raises(BadArgument, match="shape"):
+        env.step(np.zeros((4, 2), np.float32))
+
+
+def test_without_a_seed_the_first_episodes_differ():
+    one, two = ArenaVectorEnv(arena(4)), ArenaVectorEnv(arena(4))
+    assert (one.reset()[0] != two.reset()[0]).any()
+    one.reset(seed=7), two.reset(seed=7)
+    np.testing.assert_array_equal(one.reset()[0], two.reset()[0])
+
+
+@pytest.mark.parametrize("make", [arena, lambda n: ArenaVectorEnv(arena(n)), lambda n: ArenaEnv(arena(n))])
+@pytest.mark.parametrize("duplicate", [copy.deepcopy, pickle.dumps])
+def test_an_arena_is_not_copied(make, duplicate):
+    made = make(2)
+    with pytest.raises(TypeError, match="Arena can be neither copied nor pickled"):
+        duplicate(made)
+
+
 def test_unknown_rewards_are_refused():
     with pytest.raises(Exception, match="reward column 'fuson'; did you mean 'fusion'"):
         ArenaEnv(arena(2), "fuson")
@@ -82,7 +125,7 @@ def test_unknown_rewards_are_refused():
 
 def test_gymnasium_makes_it_by_its_name():
     options = {"vectorization_mode": "vector_entry_point", "kind": "mixed", "config": CONFIG, "rewards": "careful"}
-    env = gymnasium.make_vec("vuca/Arena-v0", num_envs=24, **options)
+    env = gymnasium.make_vec("vuca/Arena-v0", num_envs=24, render_mode=None, **options)
     assert isinstance(env.unwrapped, ArenaVectorEnv)
     assert env.num_envs == 24
     plain = ArenaVectorEnv(arena(), "careful")
@@ -112,6 +155,7 @@ def test_gymnasiums_maker_takes_kind_body_and_observation():
         ({"kind": "mixd"}, BadArgument, "no kind of world 'mixd'; there are static"),
         ({"body": "gp2"}, BadArgument, "no body 'gp2'; there are tiago"),
         ({"rewards": "fuson"}, UnknownName, "did you mean 'fusion'"),
+        ({"render_mode": "rgb_array"}, BadArgument, "the arena draws no pictures"),
     ],
 )
 def test_gymnasiums_maker_says_what_is_wrong(options, error, match):
