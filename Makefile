@@ -6,6 +6,8 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 # Ray is installed apart: it is large, and only `vuca train --collector ray` needs it.
 RAY_VENV ?= .venv-ray
+# So is stable-baselines3: nothing here needs it but its adapter. moviepy writes the video that a test records.
+SB3_VENV ?= .venv-sb3
 RUNS ?= runs
 ROBOT ?= tiago
 METHOD ?= ours-dh
@@ -19,7 +21,7 @@ PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
 	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && command -v $$p && break; done)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow test-ray lint format types layers bench docs lock clean
+.PHONY: help demo test test-slow test-ray test-sb3 lint format types layers bench docs lock clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -45,6 +47,10 @@ $(VENV)/.installed-docs: requirements.lock pyproject.toml | $(BIN)/python
 
 $(RAY_VENV)/.installed: requirements.lock pyproject.toml | $(RAY_VENV)/bin/python
 	$(RAY_VENV)/bin/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[dev,distributed]'
+	@touch $@
+
+$(SB3_VENV)/.installed: requirements.lock pyproject.toml | $(SB3_VENV)/bin/python
+	$(SB3_VENV)/bin/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[dev,sb3]' moviepy
 	@touch $@
 
 lock: ## pin the newest versions that fit pyproject.toml, resolved in a clean environment
@@ -78,6 +84,9 @@ test-slow: $(VENV)/.installed-dev ## the tests that take minutes
 
 test-ray: $(RAY_VENV)/.installed ## training with two workers on a local Ray, in an environment of its own, .venv-ray
 	$(RAY_VENV)/bin/pytest -m 'slow or not slow' tests/train/navigation/test_ray.py
+
+test-sb3: $(SB3_VENV)/.installed ## stable-baselines3 trains in both environments, five minutes, in an environment of its own, .venv-sb3
+	$(SB3_VENV)/bin/pytest -m 'slow or not slow' -rs tests/train/arena/test_sb3_env.py tests/robots/test_scene_camera.py
 
 lint: $(VENV)/.installed-dev ## style and format, nothing is changed
 	$(BIN)/ruff check
