@@ -6,7 +6,8 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 # Ray is installed apart: it is large, and only `vuca train --collector ray` needs it.
 RAY_VENV ?= .venv-ray
-# So is stable-baselines3: nothing here needs it but its adapter. moviepy writes the video that a test records.
+# So is stable-baselines3: nothing here needs it but its adapter. moviepy writes the video that a test records, and wants
+# an older Pillow than the lock has.
 SB3_VENV ?= .venv-sb3
 RUNS ?= runs
 ROBOT ?= tiago
@@ -50,7 +51,8 @@ $(RAY_VENV)/.installed: requirements.lock pyproject.toml | $(RAY_VENV)/bin/pytho
 	@touch $@
 
 $(SB3_VENV)/.installed: requirements.lock pyproject.toml | $(SB3_VENV)/bin/python
-	$(SB3_VENV)/bin/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[dev,sb3]' moviepy
+	$(SB3_VENV)/bin/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[dev,sb3]'
+	$(SB3_VENV)/bin/python -m pip install --quiet --disable-pip-version-check moviepy
 	@touch $@
 
 lock: ## pin the newest versions that fit pyproject.toml, resolved in a clean environment
