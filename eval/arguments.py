@@ -1,6 +1,6 @@
 """The arguments of this package's commands: fields are flags, their docstrings the help."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -13,7 +13,24 @@ def _optional(metavar: str) -> Any:
 
 
 @dataclass(frozen=True)
-class SceneArguments:
+class DialArguments:
+    """How much moves, how fast, and how much of it sees the robot."""
+
+    movers: Annotated[int | None, _optional("N")] = None
+    """Number of moving obstacles, in the worlds where things move; vuca list worlds shows the ranges."""
+    speed: Annotated[float, tyro.conf.arg(metavar="FACTOR")] = 1.0
+    """Factor on the speeds of the moving obstacles, 0 to 2.5."""
+    sighted: Annotated[float | None, _optional("SHARE")] = None
+    """Share of the moving obstacles that see the robot and give way to it, 0 to 1; if left out, as the world has it:
+    the pedestrians of building do, all else is blind."""
+
+    def dials(self) -> dict[str, Any]:
+        """The dials by name."""
+        return {field.name: getattr(self, field.name) for field in fields(DialArguments)}
+
+
+@dataclass(frozen=True)
+class SceneArguments(DialArguments):
     """The place and the task of an episode."""
 
     world: str = "factory"
@@ -24,8 +41,6 @@ class SceneArguments:
     """Seed of the world, its moving obstacles and the sensors' noise."""
     without: str = ""
     """Difficulties left out: V moving obstacles, U the map unknown, C corridors, A noise of the sensors."""
-    movers: Annotated[int | None, _optional("N")] = None
-    """Number of moving obstacles, in the worlds that let one choose."""
     start: Annotated[tuple[float, float, float] | None, _optional("X Y YAW")] = None
     """Start here instead [m, m, rad]."""
     goal: Annotated[tuple[float, float] | None, _optional("X Y")] = None
@@ -85,7 +100,7 @@ class ListArguments:
 
 
 @dataclass(frozen=True, kw_only=True)
-class EvalArguments(DriverArguments):
+class EvalArguments(DriverArguments, DialArguments):
     """Run a suite of episodes on all cores; run it again, and it goes on where it was."""
 
     suite: tyro.conf.Positional[str]

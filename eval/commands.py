@@ -77,9 +77,9 @@ def eval_(argv: list[str]) -> int:
     from eval.analysis.summary import table
     from eval.evaluate import evaluate
     from eval.methods import BEST, identity_of, resolve
-    from eval.suites import episodes_of, find_suite, parse_seeds
+    from eval.suites import episodes_of, find_suite, parse_seeds, turn_dials
 
-    suite = find_suite(arguments.suite)
+    suite = turn_dials(find_suite(arguments.suite), **arguments.dials())
     seeds = suite.seeds if arguments.seeds is None else parse_seeds(arguments.seeds)
     robot, method, options = arguments.robot, arguments.method or BEST, _options(arguments)
     configs = episodes_of(suite, robot=robot, method=method, seeds=seeds, limit=arguments.episodes, options=options)

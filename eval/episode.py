@@ -47,7 +47,11 @@ class EpisodeConfig:
     without: str = ""
     """Difficulties left out: V moving obstacles, U the map unknown, C corridors, A noise of the sensors."""
     movers: int | None = None
-    """Number of moving obstacles, where the world lets one choose."""
+    """Number of moving obstacles, where things move."""
+    speed: float = 1.0
+    """Factor on the speeds of the moving obstacles."""
+    sighted: float | None = None
+    """Share of the moving obstacles that see the robot and give way to it; None: as the world has it."""
     start: tuple[float, float, float] | None = None
     """Start instead of the world's own: x [m], y [m], yaw [rad]."""
     goal: tuple[float, float] | None = None
@@ -59,7 +63,8 @@ class EpisodeConfig:
         """Raise BadArgument for a negative seed, an unknown difficulty, a start or goal that is not finite."""
         if self.seed < 0:
             raise BadArgument(f"the seed must be 0 or more, got {self.seed}")
-        for name, numbers in (("start", self.start), ("goal", self.goal)):
+        dials = (self.speed, 0.0 if self.sighted is None else self.sighted)
+        for name, numbers in (("start", self.start), ("goal", self.goal), ("speed", dials[:1]), ("sighted", dials[1:])):
             for number in numbers or ():
                 if not math.isfinite(number):
                     raise BadArgument(f"--{name}: {number} is not a finite number")
@@ -230,6 +235,8 @@ def _make_task(config: EpisodeConfig, radius: float) -> World:
         config.seed,
         region=config.region,
         movers=config.movers,
+        speed=config.speed,
+        sighted=config.sighted,
         without=config.without,
         footprint_radius=radius,
     )

@@ -72,7 +72,12 @@ _TABLE = (
 
 def result_table(row: dict[str, Any]) -> str:
     """A result as text: the configuration, the outcome, the figures with their units."""
-    options = (f"{key} {row[key]}" for key in ("region", "movers", "without") if row[key] not in (None, ""))
+    turned = {"speed": 1.0}  # what says nothing if it is as here
+    options = (
+        f"{key} {row[key]}"
+        for key in ("region", "movers", "speed", "sighted", "without")
+        if row[key] not in (None, "", turned.get(key))
+    )
     what = ", ".join([row["world"], *options, row["robot"], title_of(row["method"], row), f"seed {row['seed']}"])
     outcome = row["outcome"] + (f" with {row['collided_with']}" if row["collided_with"] else "")
     figures = (

@@ -1,13 +1,13 @@
 """Named sets of episodes."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 
 from eval.episode import EpisodeConfig
 from eval.methods import BEST, UNCHANGED, MethodOptions, resolve
 from robots.registry import ROBOTS
 from vuca_nav.errors import BadArgument, UnknownName
-from worlds.registry import TRAINING_SEED
+from worlds.registry import TRAINING_SEED, check_options
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,6 +18,10 @@ class Task:
     region: int | None = None
     without: str = ""
     movers: int | None = None
+    speed: float = 1.0
+    """Factor on the movers' speeds."""
+    sighted: float | None = None
+    """Share of the movers that see the robot; None: as the world has it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +78,29 @@ def find_suite(name: str) -> Suite:
     return SUITES[name]
 
 
+def turn_dials(suite: Suite, *, movers: int | None = None, speed: float = 1.0, sighted: float | None = None) -> Suite:
+    """The suite with other numbers and speeds of its moving obstacles, or other shares of sighted ones, in all tasks.
+
+    Args:
+        suite: The suite to change.
+        movers: Number of moving obstacles instead of the tasks' own.
+        speed: Factor on their speeds, times the tasks' own.
+        sighted: Share of them that see the robot, instead of the tasks' own.
+
+    Raises:
+        BadArgument: A number is out of its range, or a task has nothing that moves.
+    """
+    tasks = []
+    for task in suite.tasks:
+        if movers is not None:
+            task = replace(task, movers=movers)
+        if sighted is not None:
+            task = replace(task, sighted=sighted)
+        tasks.append(replace(task, speed=speed * task.speed))
+        check_options(**asdict(tasks[-1]))
+    return replace(suite, tasks=tuple(tasks))
+
+
 def parse_seeds(text: str) -> range:
     """``"A:B"`` as the seeds A to B - 1, like a slice.
 
@@ -120,7 +147,7 @@ def episodes_of(
     if limit is not None and limit < 1:
         raise BadArgument(f"--episodes must be 1 or more, got {limit}")
     every = tuple(
-        EpisodeConfig(task.world, task.region, robot, method, seed, task.without, task.movers, options=options)
+        EpisodeConfig(**asdict(task), robot=robot, method=method, seed=seed, options=options)
         for seed in (suite.seeds if seeds is None else seeds)
         for task in suite.tasks
     )

@@ -1,13 +1,17 @@
 """The registry of worlds: generators by their names."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
 
 from vuca_nav.errors import BadArgument, UnknownName
 from worlds.checks import check_task
 from worlds.importers.scene_file import load_scene
 from worlds.scenes import building, double_branch, factory, square, training
-from worlds.world import World
+from worlds.scenes.parts.generation import stream
+from worlds.world import Mover, World
 
 DIFFICULTIES = {
     "V": "volatile: things move",
@@ -19,50 +23,66 @@ DIFFICULTIES = {
 TRAINING_SEED = 1_000_000
 """Policies are trained in worlds of this seed and those above it, and tested in worlds of seeds below."""
 SCENE_SUFFIXES = (".yaml", ".yml")
+FASTEST_FACTOR = 2.5
+"""Greatest factor on the movers' speeds: the square's fastest then moves at ``MAX_MOVER_SPEED``."""
+MAX_MOVER_SPEED = 5.0
+"""Greatest speed of a mover [m/s], as in scene files; the simulation finds every contact of bodies that close in at no
+more than 6 m/s."""
 CORRIDOR_KINDS = ("wall", "block", "shelf")
 
 
 @dataclass(frozen=True, slots=True)
+class Option:
+    """A number that one can choose of a world."""
+
+    lowest: int
+    highest: int
+    default: int | str
+    """Its value if left out, or words for how it follows from other options; then the generator is not given any."""
+
+
+@dataclass(frozen=True, slots=True)
 class WorldKind:
-    """A generator and its option."""
+    """A generator and its options."""
 
     generate: Callable[..., World]
-    """Function of seed, footprint_radius and the option that returns a world."""
+    """Function of seed, footprint_radius and the options that returns a world."""
     description: str
-    option: str = ""
-    """Name of the one option it takes: "region", "movers" or none."""
-    default: int = 0
-    lowest: int = 0
-    highest: int = 0
+    options: Mapping[str, Option] = field(default_factory=dict)
+    """The options it takes, "region" and "movers", by their names. One without "movers" has nothing that moves."""
 
     def __str__(self) -> str:
-        """The description, with the option's range."""
-        if not self.option:
+        """The description, with the options' ranges."""
+        if not self.options:
             return self.description
-        return f"{self.description} (--{self.option} {self.lowest} to {self.highest}, default {self.default})"
+        ranges = (f"--{name} {o.lowest} to {o.highest}, default {o.default}" for name, o in self.options.items())
+        return f"{self.description} ({'; '.join(ranges)})"
 
 
 WORLDS: dict[str, WorldKind] = {
     "factory": WorldKind(
         factory.factory, "40 x 40 m of corridors, machines, shelves and blind alleys, 10 movers a quarter",
-        "region", 4, 1, 4,
+        {
+            "region": Option(1, 4, 4),
+            "movers": Option(0, 4 * factory.MOST_A_QUARTER, f"{factory.MOVERS_A_QUARTER} a quarter"),
+        },
     ),
     "square": WorldKind(
         square.square, "24 x 24 m open plaza with 10 roadblocks and fast movers",
-        "movers", square.MOVERS, 0, square.MOST_MOVERS,
+        {"movers": Option(0, square.MOST_MOVERS, square.MOVERS)},
     ),
     "double_branch": WorldKind(
         double_branch.double_branch, "two ways to the goal: the short one crowded, the long one empty",
-        "movers", double_branch.MOVERS, 0, double_branch.MOST_MOVERS,
+        {"movers": Option(0, double_branch.MOST_MOVERS, double_branch.MOVERS)},
     ),
     "building": WorldKind(
         building.building, "lobby, corridor, rooms and doors, with a crowd that avoids people and the robot",
-        "movers", building.PEOPLE, 0, building.MOST_PEOPLE,
+        {"movers": Option(0, building.MOST_PEOPLE, building.PEOPLE)},
     ),
     "static": WorldKind(training.static, "the paper's training scene of walls and roadblocks"),
     "dynamic": WorldKind(
         training.dynamic, "the paper's training scene of many shapes walking at random",
-        "movers", training.MOVERS, 0, training.MOST_MOVERS,
+        {"movers": Option(0, training.MOST_MOVERS, training.MOVERS)},
     ),
 }  # fmt: skip
 """All generated worlds; ``str`` of a value is its description in one line."""
@@ -74,6 +94,8 @@ def make_world(
     *,
     region: int | None = None,
     movers: int | None = None,
+    speed: float = 1.0,
+    sighted: float | None = None,
     without: str = "",
     footprint_radius: float = 0.35,
 ) -> World:
@@ -81,9 +103,12 @@ def make_world(
 
     Args:
         name: One of ``WORLDS``, or a path that ends in .yaml or .yml.
-        seed: Non-negative; the same seed gives the same world. A scene file does not depend on it.
+        seed: Non-negative; the same seed gives the same world. In a scene file it only draws which movers are sighted.
         region: Region of the factory, 1 to 4.
-        movers: Number of moving obstacles, for the worlds that take it.
+        movers: Number of moving obstacles, where things move; of a scene file's, the first ones.
+        speed: Factor on the speeds of the moving obstacles.
+        sighted: Share of the moving obstacles that see the robot and give way to it, 0 to 1; None leaves them as the
+            world has them. For the same seed those of a smaller share are among those of a greater.
         without: Difficulties to switch off, letters of "VUCA". V: nothing moves. C: walls, blocks and shelves
             are gone, but for the outer ones. U and A are for the robot and change nothing here.
         footprint_radius: Radius of the circle about the footprint that must be able to reach the goal [m].
@@ -94,32 +119,109 @@ def make_world(
         BadWorld: A broken scene file, or no solvable layout for this body.
     """
     without = ordered_difficulties(without)
-    _check(seed, movers, without, footprint_radius)
-    options = {"region": region, "movers": movers}
+    if seed < 0:
+        raise BadArgument(f"--seed {seed}: a seed is 0 or more")
+    if not 0.0 < footprint_radius < 5.0:
+        raise BadArgument(f"footprint radius {footprint_radius:g} m: one between 0 and 5 m would be right")
+    check_options(name, region=region, movers=movers, speed=speed, sighted=sighted, without=without)
     is_scene = name.endswith(SCENE_SUFFIXES)
     if is_scene:
-        _refuse(name, options, "")
-        world = load_scene(name)
-    elif name in WORLDS:
-        kind = WORLDS[name]
-        _refuse(name, options, kind.option)
-        chosen = {}
-        if kind.option:
-            given = options[kind.option]
-            value = kind.default if given is None else given
-            if not kind.lowest <= value <= kind.highest:
-                raise BadArgument(f"--{kind.option} {value}: {name} takes {kind.lowest} to {kind.highest}")
-            chosen[kind.option] = value
-        world = kind.generate(seed=seed, footprint_radius=footprint_radius, **chosen)
+        world = _first_movers(load_scene(name), movers, name)
     else:
-        raise UnknownName("world", name, WORLDS)
+        kind, given = WORLDS[name], {"region": region, "movers": movers}
+        chosen = {option: o.default for option, o in kind.options.items() if isinstance(o.default, int)}
+        chosen |= {option: value for option, value in given.items() if value is not None}
+        world = kind.generate(seed=seed, footprint_radius=footprint_radius, **chosen)
     if "V" in without:
         world = replace(world, movers=())
     if "C" in without:
         world = replace(world, obstacles=tuple(o for o in world.obstacles if o.outer or o.kind not in CORRIDOR_KINDS))
+    world = replace(world, movers=_turned(world.movers, speed, sighted, seed, name))
     if is_scene:
         check_task(world, footprint_radius, name)
     return world
+
+
+def check_options(
+    world: str,
+    *,
+    region: int | None = None,
+    movers: int | None = None,
+    speed: float = 1.0,
+    sighted: float | None = None,
+    without: str = "",
+) -> None:
+    """Refuse options that a world does not take, without making it. A scene file is not read.
+
+    Raises:
+        UnknownName: No such world.
+        BadArgument: An option out of its range, or one that this world does not take.
+    """
+    moving = {"movers": movers, "speed": None if speed == 1.0 else speed, "sighted": sighted}
+    turned = [(option, value) for option, value in moving.items() if value is not None]
+    if turned and "V" in without:
+        option, value = turned[0]
+        raise BadArgument(
+            f"--{option} {value:g} does not go with --without V, which leaves all moving obstacles out; give one"
+        )
+    if not 0.0 <= speed <= FASTEST_FACTOR:
+        raise BadArgument(f"--speed {speed:g}: a factor of 0 to {FASTEST_FACTOR:g} would be right")
+    if sighted is not None and not 0.0 <= sighted <= 1.0:
+        raise BadArgument(f"--sighted {sighted:g}: a share of 0 to 1 would be right")
+    if world.endswith(SCENE_SUFFIXES):
+        if region is not None:
+            raise BadArgument(f"--region: {world} does not take it (only {_takers('region')})")
+        if movers is not None and movers < 0:
+            raise BadArgument(f"--movers {movers}: 0 or more would be right")
+        return
+    if world not in WORLDS:
+        raise UnknownName("world", world, WORLDS)
+    options = WORLDS[world].options
+    for option, value in (("region", region), *turned):
+        if value is None:
+            continue
+        # Whatever turns a dial of the movers needs movers.
+        taken = options.get("region" if option == "region" else "movers")
+        if taken is None:
+            why = "does not take it" if option == "region" else "has nothing that moves"
+            raise BadArgument(
+                f"--{option}: {world} {why} (only {_takers('region' if option == 'region' else 'movers')})"
+            )
+        if option in options and not taken.lowest <= value <= taken.highest:
+            raise BadArgument(f"--{option} {value}: {world} takes {taken.lowest} to {taken.highest}")
+
+
+def _first_movers(world: World, movers: int | None, source: str) -> World:
+    """The scene with only so many of its movers."""
+    if movers is None:
+        return world
+    if movers > len(world.movers):
+        raise BadArgument(f"--movers {movers}: {source} has {len(world.movers)}; that or fewer would be right")
+    return replace(world, movers=world.movers[:movers])
+
+
+def _turned(
+    movers: tuple[Mover, ...], speed: float, sighted: float | None, seed: int, source: str
+) -> tuple[Mover, ...]:
+    """The movers at other speeds, and the given share of them sighted."""
+    if speed != 1.0:
+        movers = tuple(replace(m, motion=replace(m.motion, speed=speed * m.motion.speed)) for m in movers)
+        fastest = max((m.motion.speed for m in movers), default=0.0)
+        if fastest > MAX_MOVER_SPEED:
+            raise BadArgument(
+                f"--speed {speed:g}: the fastest mover of {source} would move at {fastest:.1f} m/s; "
+                f"{math.floor(100 * speed * MAX_MOVER_SPEED / fastest) / 100:g} or less would be right"
+            )
+    if sighted is not None:
+        # Every mover has a lot of its own: a greater share takes more of the same order.
+        order = np.argsort(stream("sighted", seed).random(len(movers)), kind="stable")
+        seeing = {int(i) for i in order[: round(sighted * len(movers))]}
+        movers = tuple(replace(m, sighted=i in seeing) for i, m in enumerate(movers))
+    return movers
+
+
+def _takers(option: str) -> str:
+    return ", ".join(world for world, kind in WORLDS.items() if option in kind.options)
 
 
 def ordered_difficulties(without: str) -> str:
@@ -133,19 +235,3 @@ def ordered_difficulties(without: str) -> str:
         known = ", ".join(f"{letter} ({text})" for letter, text in DIFFICULTIES.items())
         raise BadArgument(f"--without {without}: unknown difficulty {unknown[0]!r}; there are {known}")
     return "".join(letter for letter in DIFFICULTIES if letter in without)
-
-
-def _check(seed: int, movers: int | None, without: str, footprint_radius: float) -> None:
-    if seed < 0:
-        raise BadArgument(f"--seed {seed}: a seed is 0 or more")
-    if movers is not None and "V" in without:
-        raise BadArgument(f"--movers {movers} does not go with --without V, which leaves all of them out; give one")
-    if not 0.0 < footprint_radius < 5.0:
-        raise BadArgument(f"footprint radius {footprint_radius:g} m: one between 0 and 5 m would be right")
-
-
-def _refuse(name: str, options: dict[str, int | None], taken: str) -> None:
-    for option, value in options.items():
-        if value is not None and option != taken:
-            takers = [world for world, kind in WORLDS.items() if kind.option == option]
-            raise BadArgument(f"--{option}: {name} does not take it (only {', '.join(takers)})")

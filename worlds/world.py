@@ -83,7 +83,7 @@ STRIDE = 1.3
 class RandomWalk:
     """Straight motion at constant speed that turns to a random heading before an obstacle or a narrow way.
 
-    It does not react to the robot.
+    A blind one does not react to the robot.
     """
 
     speed: float
@@ -94,7 +94,7 @@ class RandomWalk:
 
 @dataclass(frozen=True, slots=True)
 class Patrol:
-    """Motion back and forth along a polyline at constant speed. It does not react to the robot."""
+    """Motion back and forth along a polyline at constant speed. A blind one does not react to the robot."""
 
     speed: float
     """[m/s]"""
@@ -104,7 +104,7 @@ class Patrol:
 
 @dataclass(frozen=True, slots=True)
 class SocialForce:
-    """A pedestrian (Helbing and Molnar 1995) that avoids walls, other movers and the robot."""
+    """A pedestrian (Helbing and Molnar 1995) that avoids walls and other movers, and the robot unless it is blind."""
 
     speed: float
     """Desired speed [m/s]."""
@@ -125,6 +125,14 @@ class Mover:
     """Radius of the circle about its origin that holds every part at every swing [m]."""
     start: Pose2
     motion: Motion
+    sighted: bool | None = None
+    """Whether it sees the robot and gives way to it; None: a pedestrian does, a walk or a patrol
+    does not."""
+
+    @property
+    def sees_robot(self) -> bool:
+        """Whether it gives way to the robot."""
+        return isinstance(self.motion, SocialForce) if self.sighted is None else self.sighted
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,12 +12,15 @@ from typing import NamedTuple
 import numpy as np
 
 from eval.analysis.statistics import mcnemar_exact, paired_difference
+from eval.analysis.summary import dials_in_words
 from eval.episode import OUTCOMES
 from eval.store import Row
 from vuca_nav.errors import BadArgument
 
-EPISODE = ("world", "region", "movers", "without", "robot", "start", "goal", "seed")
+EPISODE = ("world", "region", "movers", "speed", "sighted", "without", "robot", "start", "goal", "seed")
 """The fields of a row that make two rows the same episode."""
+_ADDED_LATER = {"speed": 1.0, "sighted": None}
+"""Fields that older evaluations do not have, and what they mean by that."""
 
 
 def read_episodes(folder: Path, seeds: range | None = None) -> dict[str, Row]:
@@ -32,7 +35,7 @@ def read_episodes(folder: Path, seeds: range | None = None) -> dict[str, Row]:
     """
     path = folder / "episodes.jsonl"
     try:
-        rows = [json.loads(line) for line in path.read_text().splitlines()]
+        rows = [{**_ADDED_LATER, **json.loads(line)} for line in path.read_text().splitlines()]
         if seeds is not None:
             rows = [row for row in rows if row["seed"] in seeds]
         episodes: dict[str, Row] = {json.dumps([row[key] for key in EPISODE]): row for row in rows}
@@ -94,8 +97,7 @@ def _task(row: Row) -> str:
     name = str(row["world"])
     if row["region"] is not None:
         name += f" {row['region']}"
-    if row["movers"] is not None:
-        name += f", {row['movers']} movers"
+    name += dials_in_words(row)
     return f"{row['robot']}, {name}" + (f", without {row['without']}" if row["without"] else "")
 
 

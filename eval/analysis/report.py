@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from eval.analysis.compare import compare, read_episodes, table
-from eval.analysis.summary import is_result, statistics_of, summarise
+from eval.analysis.summary import dials_in_words, is_result, statistics_of, summarise
 from eval.episode import OUTCOMES
 from eval.methods import title_of
 from eval.store import Row, StoredConfig, read_config
@@ -166,8 +166,9 @@ def _outcomes(rows: Sequence[Row], method: str) -> list[str]:
 
 def _world(group: Row) -> str:
     region = "" if group["region"] is None else f" {group['region']}"
-    movers = "" if group["movers"] is None else f", {group['movers']} movers"
-    return f"{group['world']}{region}{movers}" + (f", without {group['without']}" if group["without"] else "")
+    return f"{group['world']}{region}{dials_in_words(group)}" + (
+        f", without {group['without']}" if group["without"] else ""
+    )
 
 
 def _figures(group: Row) -> list[Any]:

@@ -8,7 +8,7 @@ from eval.analysis.statistics import mean, wilson_interval
 from eval.episode import OUTCOMES
 from eval.store import Row
 
-GROUP_BY = ("world", "region", "without", "movers", "robot", "method")
+GROUP_BY = ("world", "region", "without", "movers", "speed", "sighted", "robot", "method")
 MEANS = (
     "arriving_time",
     "path_length",
@@ -50,7 +50,7 @@ def summarise(rows: Sequence[Row]) -> list[Row]:
     """A summary for each group, the groups in order; the rows' order does not matter."""
     groups: dict[tuple, list[Row]] = {}
     for row in rows:
-        groups.setdefault(tuple(row[key] for key in GROUP_BY), []).append(row)
+        groups.setdefault(tuple(row.get(key) for key in GROUP_BY), []).append(row)
     ordered = sorted(groups.items(), key=lambda item: [(part is None, part) for part in item[0]])
     return [{**dict(zip(GROUP_BY, key)), **statistics_of(members)} for key, members in ordered]
 
@@ -105,6 +105,16 @@ def _rate(outcome: Row) -> str:
 
 def _title(group: Row) -> str:
     region = "" if group["region"] is None else f" {group['region']}"
-    movers = "" if group["movers"] is None else f" movers={group['movers']}"
     without = f" without {group['without']}" if group["without"] else ""
-    return f"{group['world']}{region}{movers}{without}, {group['robot']}, {group['method']}"
+    return f"{group['world']}{region}{dials_in_words(group)}{without}, {group['robot']}, {group['method']}"
+
+
+def dials_in_words(row: Row) -> str:
+    """The dials of the moving obstacles that a row's task turned, as ", 8 movers, speed x 1.5, 50% sighted"."""
+    movers, speed, sighted = row.get("movers"), row.get("speed"), row.get("sighted")
+    words = [
+        "" if movers is None else f"{movers} movers",
+        "" if speed in (None, 1.0) else f"speed x {speed:g}",
+        "" if sighted is None else f"{100 * sighted:g}% sighted",
+    ]
+    return "".join(f", {word}" for word in words if word)

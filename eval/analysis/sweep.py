@@ -1,4 +1,4 @@
-"""Success, or how often a way was taken, against the number of moving obstacles, from evaluations that varied it.
+"""Success, or how often a way was taken, over a dial of the moving obstacles, from evaluations that varied it.
 
 ``python -m eval.analysis.sweep DIR... --out FILE.png``: the directories of ``vuca eval crowd`` or ``branches``, a
 line for each robot and method in them.
@@ -7,10 +7,12 @@ line for each robot and method in them.
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import tyro
 
 from eval.analysis.statistics import wilson_interval
+from eval.analysis.summary import dials_in_words
 from eval.episode import OUTCOMES
 from eval.methods import title_of
 from eval.store import Row
@@ -20,35 +22,39 @@ from vuca_nav.errors import BadArgument, UnknownName
 
 @dataclass(frozen=True)
 class SweepArguments:
-    """Draw a share of the episodes over the number of moving obstacles, with 95% intervals."""
+    """Draw a share of the episodes over a dial of the moving obstacles, with 95% intervals."""
 
     folders: tyro.conf.Positional[tuple[Path, ...]]
     """Directories of evaluations that are complete."""
     show: tuple[str, ...] = ("success",)
     """What to draw, a panel each: success, collision, timeout, fall, or a way's name, as quiet in the branches."""
+    over: Literal["movers", "speed", "sighted"] = "movers"
+    """The dial: number of moving obstacles, factor on their speeds, or share of them that see the robot."""
     out: Path = Path("movers.png")
     """PNG file, written over if it exists."""
 
 
-Point = tuple[int, float, float, float]
-"""Movers, share of the episodes, lower and upper end of its interval."""
+Point = tuple[float, float, float, float]
+"""Value of the dial, share of the episodes, lower and upper end of its interval."""
+TITLES = {"movers": "moving obstacles", "speed": "factor on the movers' speeds", "sighted": "share of sighted movers"}
 
 
-def lines_of(groups: list[Row], show: str = "success") -> dict[str, list[Point]]:
-    """Points of each world, robot and method, by number of movers; groups of a world's own number are left out.
+def lines_of(groups: list[Row], show: str = "success", over: str = "movers") -> dict[str, list[Point]]:
+    """Points of each world, robot and method, by the value of a dial; groups of a world's own value are left out.
 
     Args:
         groups: Groups of summaries.
         show: Outcome, or name of a way; a way's share is of the episodes that entered any.
+        over: The dial. Groups that differ in another one are lines of their own.
     """
     lines: dict[str, list[Point]] = {}
     for group in groups:
         share = _share(group, show)
-        if group["movers"] is None or share["rate"] is None:
+        if group.get(over) is None or share["rate"] is None:
             continue
         method = title_of(group["method"], group.get("options") or {})
-        name = f"{group['world']}, {group['robot']}, {method}"
-        lines.setdefault(name, []).append((group["movers"], share["rate"], *share["interval"]))
+        name = f"{group['world']}{dials_in_words({**group, over: None})}, {group['robot']}, {method}"
+        lines.setdefault(name, []).append((group[over], share["rate"], *share["interval"]))
     return {name: sorted(points) for name, points in lines.items()}
 
 
@@ -76,25 +82,31 @@ def read_groups(folder: Path) -> list[Row]:
         raise BadArgument(f"{path} is not the summary of a complete evaluation: {error}") from error
 
 
-def draw(panels: dict[str, dict[str, list[Point]]], path: Path) -> None:
+def draw(panels: dict[str, dict[str, list[Point]]], path: Path, over: str = "movers") -> None:
     """Draw the lines, a panel for each share.
+
+    Args:
+        panels: Lines of each share.
+        path: PNG file.
+        over: The dial that they are over.
 
     Raises:
         BadArgument: If there is nothing to draw, or the file cannot be written.
     """
     if not any(panels.values()):
-        raise BadArgument("none of the evaluations varied the number of movers; 'vuca eval crowd' does")
+        raise BadArgument(f"none of the evaluations varied {over}; 'vuca eval SUITE --{over} ...' does")
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7.0 * len(panels), 4.0), layout="constrained")
     for axes, (show, lines) in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels.items()):
         for k, (name, points) in enumerate(sorted(lines.items())):
-            movers, rate, low, high = (list(column) for column in zip(*points))
+            dial, rate, low, high = (list(column) for column in zip(*points))
             below = [100 * max(r - a, 0.0) for r, a in zip(rate, low)]
             above = [100 * max(b - r, 0.0) for r, b in zip(rate, high)]
-            at = [m + 0.25 * (k - 0.5 * (len(lines) - 1)) for m in movers]  # side by side
+            aside = (0.25 if over == "movers" else 0.01) * (k - 0.5 * (len(lines) - 1))
+            at = [value + aside for value in dial]  # side by side
             axes.errorbar(at, [100 * r for r in rate], yerr=[below, above], marker="o", capsize=3, label=name)
-        axes.set(xlabel="moving obstacles", ylabel=f"{show} [%], 95% intervals", ylim=(0, 100))
+        axes.set(xlabel=TITLES[over], ylabel=f"{show} [%], 95% intervals", ylim=(0, 100))
         axes.grid(alpha=0.3)
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.15), ncols=2, frameon=False)
     try:
@@ -111,7 +123,7 @@ def main(arguments: SweepArguments) -> None:
     for show in arguments.show:
         if show not in known:
             raise UnknownName("share", show, sorted(known))
-    draw({show: lines_of(groups, show) for show in arguments.show}, arguments.out)
+    draw({show: lines_of(groups, show, arguments.over) for show in arguments.show}, arguments.out, arguments.over)
     print(f"drawn: {arguments.out}")
 
 

@@ -9,7 +9,7 @@ from eval.evaluate import evaluate
 from eval.methods import METHODS, ExplorerSettings, Method, MethodOptions
 from eval.provenance import provenance
 from eval.runner import Crash, run_episodes
-from eval.suites import SUITES, episodes_of, find_suite, parse_seeds
+from eval.suites import SUITES, episodes_of, find_suite, parse_seeds, turn_dials
 from tests.eval import jobs
 from train.arena.config import ArenaConfig
 from vuca_nav.errors import BadArgument, UnknownName
@@ -52,6 +52,20 @@ def test_resumed_after_a_kill_gives_the_same_files(uninterrupted, tmp_path):
     (tmp_path / "summary.json").unlink()
     evaluate(IDENTITY, CONFIGS, tmp_path, workers=1, job=jobs.episode_by_hash)
     assert files_of(tmp_path) == uninterrupted
+
+
+def test_dials_change_every_task_of_a_suite():
+    turned = turn_dials(SUITES["crowd"], speed=1.5, sighted=0.5)
+    assert [(c.movers, c.speed, c.sighted) for c in episodes_of(turned, limit=4)] == [
+        (movers, 1.5, 0.5) for movers in (8, 16, 24, 40)
+    ]
+    assert turn_dials(turned, speed=1.0) == turned
+    assert turn_dials(SUITES["crowd"]) == SUITES["crowd"]
+    assert turn_dials(turned, movers=12, speed=0.5).tasks[0].speed == 0.75
+    row = episodes_of(turned, limit=1)[0].row()
+    assert (row["movers"], row["speed"], row["sighted"]) == (8, 1.5, 0.5)
+    with pytest.raises(BadArgument, match="--speed 2 does not go with --without V"):
+        turn_dials(SUITES["factory-still"], speed=2.0)
 
 
 def test_nothing_is_run_twice(tmp_path):

@@ -188,7 +188,8 @@ def _motion_from(d: dict) -> Motion:
 
 def _mover_from(d: dict) -> Mover:
     parts = tuple(MoverPart(_shape_from(p["shape"]), float(p.get("swing", 0.0))) for p in d["parts"])
-    return Mover(d["kind"], parts, float(d["radius"]), _pose_from(d["start"]), _motion_from(d["motion"]))
+    motion, start = _motion_from(d["motion"]), _pose_from(d["start"])
+    return Mover(d["kind"], parts, float(d["radius"]), start, motion, d.get("sighted"))
 
 
 def _box_from(b: dict) -> tuple[float, float, float, float]:
@@ -269,6 +270,7 @@ def _document_of(world: World) -> dict:
                 "start": _pose(m.start),
                 "motion": _motion(m.motion),
                 "parts": [_part(part) for part in m.parts],
+                **({} if m.sighted is None else {"sighted": m.sighted}),
             }
             for m in world.movers
         ],

@@ -56,7 +56,7 @@ PROGRESS_STEP = 0.3
 
 
 @njit(cache=True)
-def _distance(clearance, grid, x, y):
+def wall_distance(clearance, grid, x, y):
     """Distance to the nearest wall, bilinear between the centres of the grid's cells [m]."""
     rows, columns = clearance.shape
     u = min(max((x - grid[0]) / grid[2] - 0.5, 0.0), columns - 1.001)
@@ -96,7 +96,7 @@ def _choose_waypoint(i, dt, constants, state, waypoints):
 
 
 @njit(cache=True)
-def _push_from_disc(state, i, radius, ex, ey, other_x, other_y, other_r):
+def push_from_disc(state, i, radius, ex, ey, other_x, other_y, other_r):
     """Acceleration of pedestrian i by a disc, its share to the right included."""
     dx, dy = state[i, X] - other_x, state[i, Y] - other_y
     distance = math.sqrt(dx * dx + dy * dy)
@@ -110,11 +110,12 @@ def _push_from_disc(state, i, radius, ex, ey, other_x, other_y, other_r):
 
 
 @njit(cache=True)
-def social_force_tick(dt, constants, state, clearance, grid, waypoints, force, robot):
+def social_force_tick(dt, sees, constants, state, clearance, grid, waypoints, force, robot):
     """Write new velocities of all pedestrians, from the present positions of all movers.
 
     Args:
         dt: Time until the next tick [s].
+        sees: (m,) whether each mover sees the robot.
         constants: (m, 5) constants of the movers.
         state: (m, 12) state of the movers; the velocities are written.
         clearance: (rows, columns) distance to the nearest wall [m].
@@ -133,14 +134,14 @@ def social_force_tick(dt, constants, state, clearance, grid, waypoints, force, r
         ay = (constants[i, SPEED] * ey - state[i, V_Y]) / RELAXATION
         for j in range(len(state)):
             if j != i:
-                fx, fy = _push_from_disc(state, i, r, ex, ey, state[j, X], state[j, Y], constants[j, RADIUS])
+                fx, fy = push_from_disc(state, i, r, ex, ey, state[j, X], state[j, Y], constants[j, RADIUS])
                 ax, ay = ax + fx, ay + fy
-        if robot[2] >= 0.0:
-            fx, fy = _push_from_disc(state, i, r, ex, ey, robot[0], robot[1], robot[2])
+        if robot[2] >= 0.0 and sees[i]:
+            fx, fy = push_from_disc(state, i, r, ex, ey, robot[0], robot[1], robot[2])
             ax, ay = ax + fx, ay + fy
-        gap = _distance(clearance, grid, x, y) - r
-        gx = (_distance(clearance, grid, x + h, y) - _distance(clearance, grid, x - h, y)) / (2.0 * h)
-        gy = (_distance(clearance, grid, x, y + h) - _distance(clearance, grid, x, y - h)) / (2.0 * h)
+        gap = wall_distance(clearance, grid, x, y) - r
+        gx = (wall_distance(clearance, grid, x + h, y) - wall_distance(clearance, grid, x - h, y)) / (2.0 * h)
+        gy = (wall_distance(clearance, grid, x, y + h) - wall_distance(clearance, grid, x, y - h)) / (2.0 * h)
         size = WALL_PUSH * math.exp(-gap / WALL_RANGE)
         force[i, 0], force[i, 1] = ax + size * gx, ay + size * gy
     for i in range(len(state)):
@@ -156,11 +157,11 @@ def social_force_tick(dt, constants, state, clearance, grid, waypoints, force, r
 def _slide(i, dt, vx, vy, constants, state, clearance, grid):
     """The velocity, or its part along a wall where it leads into one."""
     x, y, least = state[i, X], state[i, Y], constants[i, RADIUS] + KEEP_OFF
-    here = _distance(clearance, grid, x, y)
+    here = wall_distance(clearance, grid, x, y)
     for k in range(3):
         wx = 0.0 if k == 2 else vx
         wy = 0.0 if k == 1 else vy
-        there = _distance(clearance, grid, x + wx * dt, y + wy * dt)
+        there = wall_distance(clearance, grid, x + wx * dt, y + wy * dt)
         if there >= least or there > here:
             return wx, wy
     return 0.0, 0.0

@@ -2,7 +2,7 @@
 
 Decisions are taken at fixed ticks (30 a second) whatever the caller's time step, and between ticks everything
 moves on straight lines: the motion is a function of time, the same for a physics step of 1/300 s and a planning
-step of 1/10 s. Only a crowd (``SocialForce``) also depends on the robot's place at each tick.
+step of 1/10 s. Only the motion of movers that see the robot also depends on its place at each tick.
 """
 
 import math
@@ -34,6 +34,7 @@ from worlds.motion.mover_columns import (
     X,
     Y,
 )
+from worlds.motion.sighted import push_aside, recall_own_walk
 from worlds.motion.walk import PATIENCE, decide
 from worlds.scenes.parts.population import MOVER_WAY
 from worlds.world import STRIDE, Patrol, RandomWalk, World
@@ -89,8 +90,8 @@ class MoverField:
     """All moving obstacles of a world over time. The arrays are updated in place by each step.
 
     Movers on a random walk keep to the part of the free space that is at least 2.2 m wide. They turn away from
-    other movers that come near, but never from the robot; in a press they may brush through each other, rather than
-    tremble on the spot. Patrols follow their line through anything.
+    other movers that come near; in a press they may brush through each other, rather than tremble on the spot. Patrols
+    follow their line through anything. Of the robot all of them know only if they are sighted (``Mover.sees_robot``).
 
     Attributes:
         poses: (m, 3) x, y, yaw of the movers in the world [m, rad].
@@ -141,16 +142,21 @@ class MoverField:
         self._state = np.zeros((m, STATE_SIZE))
         self._counters = np.zeros(m, np.uint64)
         self._robot = np.zeros(3)
-        self._has_crowd = bool((self._constants[:, MOTION] == SOCIAL_FORCE).any())
+        crowd = self._constants[:, MOTION] == SOCIAL_FORCE
+        sees = np.array([mover.sees_robot for mover in movers], np.bool_)
+        self._has_crowd, self._has_sighted_walks = bool(crowd.any()), bool((sees & ~crowd).any())
+        self._aside = np.zeros((m, 4))
         # Only the contents of the kernels' arguments change: bound once, a step looks nothing up.
         self._decision = (
             TICK, self._constants, self._state, self._seeds, self._counters, self._away, self._grid,
             self._waypoints,
         )  # fmt: skip
         self._crowd = (
-            TICK, self._constants, self._state, self._clearance, self._grid, self._waypoints, np.zeros((m, 2)),
+            TICK, sees, self._constants, self._state, self._clearance, self._grid, self._waypoints, np.zeros((m, 2)),
             self._robot,
         )  # fmt: skip
+        self._own_walk = sees, self._constants, self._state, self._aside, self._waypoints
+        self._push = (TICK, *self._own_walk, (self._clearance, self._away, self._grid), self._robot)
         self._output = (
             self._state, self._parts, self.part_mover, self.poses, self.velocities, self.part_poses,
         )  # fmt: skip
@@ -167,6 +173,7 @@ class MoverField:
             self._state[i, DIRECTION] = 1.0
             if self._constants[i, MOTION] != RANDOM_WALK and self._constants[i, WAYPOINTS] > 1:
                 self._state[i, TARGET] = 1.0
+        self._aside[:] = 0.0
         self._decide(None)
         _write_out(0.0, *self._output)
 
@@ -175,7 +182,7 @@ class MoverField:
 
         Args:
             dt: Any time step [s]; the motion does not depend on how the time is cut into steps.
-            robot: x, y, radius of the robot [m], which a crowd avoids; None if there is none.
+            robot: x, y, radius of the robot [m], which sighted movers avoid; None if there is none.
         """
         self.time += dt
         # A millionth of a tick of slack: 10 steps of 1/300 s are one tick, whatever the rounding.
@@ -188,9 +195,13 @@ class MoverField:
 
     def _decide(self, robot: tuple[float, float, float] | None) -> None:
         """Take one tick's decisions."""
-        # Both kernels are called from here, not from another kernel: they live in other files, and Numba's cache
+        # The kernels are called from here, not from another kernel: they live in other files, and Numba's cache
         # would not see that they changed.
+        self._robot[:] = (0.0, 0.0, -1.0) if robot is None else robot
+        if self._has_sighted_walks:
+            recall_own_walk(*self._own_walk)
         decide(*self._decision)
+        if self._has_sighted_walks:
+            push_aside(*self._push)
         if self._has_crowd:
-            self._robot[:] = (0.0, 0.0, -1.0) if robot is None else robot
             social_force_tick(*self._crowd)

@@ -53,7 +53,7 @@ MIN_PATROL, MAX_PATROL = 3.0, 20.0
 
 
 @njit(cache=True)
-def _free_run(away, grid, limit, x, y, cos, sin, longest):
+def free_run(away, grid, limit, x, y, cos, sin, longest):
     """Length straight on that stays within the mover's ways [m], in steps of half a cell."""
     rows, columns = away.shape
     step = 0.5 * grid[2]
@@ -77,7 +77,7 @@ def _new_heading(i, constants, state, seeds, counters, away, grid):
     for _ in range(TRIES):
         angle = 2.0 * math.pi * next_uniform(seeds, counters, i)
         cos, sin = math.cos(angle), math.sin(angle)
-        run = free = _free_run(away, grid, limit, x, y, cos, sin, MAX_RUN)
+        run = free = free_run(away, grid, limit, x, y, cos, sin, MAX_RUN)
         for j in range(len(state)):
             dx, dy = state[j, X] - x, state[j, Y] - y
             reach = r + constants[j, RADIUS] + PERSONAL_GAP
@@ -430,8 +430,8 @@ def place_batch(rows, request, population, layout, ways, movers):
                         tasks[i, START_X] + share * (tasks[i, GOAL_X] - tasks[i, START_X]) - x,
                     )
                 cos, sin = math.cos(angle), math.sin(angle)
-                ahead = _free_run(field, grid, limit, x, y, cos, sin, MAX_PATROL)
-                behind = _free_run(field, grid, limit, x, y, -cos, -sin, MAX_PATROL)
+                ahead = free_run(field, grid, limit, x, y, cos, sin, MAX_PATROL)
+                behind = free_run(field, grid, limit, x, y, -cos, -sin, MAX_PATROL)
                 if ahead + behind >= MIN_PATROL:
                     constants[i, m, MOTION], constants[i, m, FIRST_WAYPOINT] = PATROL, 2 * m
                     constants[i, m, WAYPOINTS], state[i, m, TARGET] = 2, 1.0

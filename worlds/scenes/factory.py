@@ -2,6 +2,7 @@
 
 from numpy.random import Generator
 
+from vuca_nav.errors import BadArgument
 from vuca_nav.types import Pose2
 from worlds.scenes.parts.furnishing import blocks, closed_sections, furniture
 from worlds.scenes.parts.generation import Layout, heading, outer_wall, rectangle, solvable_layout, stream
@@ -12,6 +13,7 @@ from worlds.world import Mover, Obstacle, World
 
 NAME = "factory"
 MOVERS_A_QUARTER = 10
+MOST_A_QUARTER = 20
 MOVER_SPEEDS = (0.2, 0.8)
 """Range of the moving obstacles' speeds [m/s]."""
 QUARTER_BOUNDS = {
@@ -25,22 +27,32 @@ REGION_SIZE = {1: (HALF, HALF), 2: (HALL, HALF), 3: (HALL, HALL), 4: (HALL, HALL
 """Extent of the rectangle that holds a region's quarters [m]."""
 
 
-def factory(seed: int, region: int, footprint_radius: float) -> World:
+def factory(seed: int, region: int, footprint_radius: float, movers: int | None = None) -> World:
     """Generate a region of the factory: its first ``region`` quarters, closed off from the others.
 
     Args:
         seed: Seed of the world.
         region: 1 to 4; the start is in the first quarter's near corner, the goal in the last one's far corner.
         footprint_radius: Radius of the circle about the footprint that must get through [m].
+        movers: Number of moving obstacles, spread evenly over the quarters; 10 a quarter if left out.
+
+    Raises:
+        BadArgument: More movers than the region takes.
+        BadWorld: No solvable layout, or no place for so many movers.
     """
+    most = MOST_A_QUARTER * region
+    wanted = MOVERS_A_QUARTER * region if movers is None else movers
+    if wanted > most:
+        raise BadArgument(f"--movers {wanted}: {NAME} takes 0 to {most} with --region {region}")
     layout, field = solvable_layout(NAME, seed, footprint_radius, lambda rng: _layout(rng, region), region)
-    movers: tuple[Mover, ...] = ()
+    placed: tuple[Mover, ...] = ()
     for quarter in range(1, region + 1):
-        movers += random_movers(
-            stream(NAME, seed, region, 1000 + quarter), layout, field, MOVERS_A_QUARTER,
-            ("cylinder", "cart", "legs"), MOVER_SPEEDS, within=QUARTER_BOUNDS[quarter], taken=movers,
+        count = wanted // region + (quarter <= wanted % region)
+        placed += random_movers(
+            stream(NAME, seed, region, 1000 + quarter), layout, field, count,
+            ("cylinder", "cart", "legs"), MOVER_SPEEDS, within=QUARTER_BOUNDS[quarter], taken=placed,
         )  # fmt: skip
-    return layout.world(NAME, seed, movers)
+    return layout.world(NAME, seed, placed)
 
 
 def factory_lattice(seed: int, region: int, footprint_radius: float = 0.35) -> Lattice:

@@ -19,6 +19,14 @@ def test_lines_are_in_order_of_the_movers():
     }
 
 
+def test_lines_over_another_dial_are_told_apart_by_the_rest():
+    groups = [group(8, rate) | {"speed": speed} for speed, rate in ((2.0, 0.3), (0.5, 0.9))]
+    assert lines_of([*groups, group(16, 0.1) | {"speed": 1.0}], over="speed") == {
+        "square, 8 movers, go2, ours": [(0.5, 0.9, 0.1, 0.9), (2.0, 0.3, 0.1, 0.9)],
+        "square, 16 movers, go2, ours": [(1.0, 0.1, 0.1, 0.9)],
+    }
+
+
 def test_the_share_that_took_a_way_is_of_those_that_entered_any():
     ways = {"quiet": {"count": 8, "rate": 0.32, "interval": [0.17, 0.52]}, "short": {"count": 17, "rate": 0.68}}
     none = {"short": {"count": 25, "rate": 1.0, "interval": [0.87, 1.0]}}
@@ -42,7 +50,7 @@ def test_what_cannot_be_drawn_is_said(tmp_path):
     with pytest.raises(BadArgument, match="not the summary of a complete evaluation"):
         main(SweepArguments((tmp_path,)))
     (tmp_path / "summary.json").write_text(json.dumps({"groups": [group(None, 0.8)]}))
-    with pytest.raises(BadArgument, match="'vuca eval crowd' does"):
+    with pytest.raises(BadArgument, match="none of the evaluations varied movers"):
         main(SweepArguments((tmp_path,)))
     with pytest.raises(UnknownName, match="quiet"):
         main(SweepArguments((tmp_path,), ("quiet",)))
