@@ -8,6 +8,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from eval.contact import Contact, classify_contact
+from eval.failure import Failure, Trail, classify_failure, is_out_of_reach
 from eval.methods import BEST, UNCHANGED, MethodOptions, build, resolve
 from eval.metrics import Metrics, MetricsRecorder
 from eval.prior_map import rasterise
@@ -95,6 +97,10 @@ class EpisodeResult:
     """Length of the shortest path for the body's footprint, moving obstacles left out [m]."""
     collided_with: str | None
     """Kind of the obstacle or mover that the robot touched, "wall" or "cart" for example."""
+    contact: Contact | None
+    """How the contact came about; None without one."""
+    failure: Failure | None
+    """Why the mission did not arrive without a contact; None if it arrived or touched something."""
     way: str | None
     """The first of the world's ways to the goal that the robot entered; None if the world names none, or it did not."""
     metrics: Metrics
@@ -106,8 +112,10 @@ class EpisodeResult:
     """Wall time of building the world, the body and the stack [s]."""
 
     def row(self) -> dict[str, Any]:
-        """The result as one flat JSON object; a number that is not finite is None."""
+        """The result as one JSON object, flat but for ``contact`` and ``failure``; what is not finite is None."""
         own = asdict(self)
+        own["contact"] = None if self.contact is None else self.contact.row()
+        own["failure"] = None if self.failure is None else self.failure.row()
         metrics = own.pop("metrics")
         own.pop("config")
         flat = {**self.config.row(), **own, **metrics}
@@ -168,7 +176,7 @@ class Episode:
         telemetry = telemetry or Telemetry()
         goal = self.world.goal
         simulation, navigator, scan, odometry = self.begin(telemetry)
-        recorder = MetricsRecorder(self.world.start, goal, self.shortest_path)
+        recorder, trail = MetricsRecorder(self.world.start, goal, self.shortest_path), Trail()
         set_up_time = self._set_up_time + time.perf_counter() - began
 
         began = time.perf_counter()
@@ -183,6 +191,7 @@ class Episode:
                 navigator.map_from_base,
                 simulation.clearance,
             )
+            trail.add(simulation.time, simulation.true_pose)
             scan, odometry = simulation.step(command)
             to_goal = distance(simulation.true_pose, goal)
             outcome = self.judge(simulation)
@@ -194,6 +203,8 @@ class Episode:
         success = outcome == "success"
         touched = f" with {simulation.contact_name}" if simulation.contact_name else ""
         telemetry.event(f"{outcome}{touched}", "INFO" if success else "ERROR")
+        metrics = recorder.finish(simulation.true_pose, simulation.clearance, success)
+        facts = simulation.contact_facts
         return EpisodeResult(
             config=self.config,
             outcome=outcome,
@@ -201,11 +212,31 @@ class Episode:
             duration=simulation.time,
             shortest_path=self.shortest_path,
             collided_with=simulation.contact,
+            contact=None if facts is None else classify_contact(facts),
+            failure=self._why(outcome, simulation, trail, metrics),
             way=way,
-            metrics=recorder.finish(simulation.true_pose, simulation.clearance, success),
+            metrics=metrics,
             real_time_factor=simulation.time / wall_time,
             wall_time=wall_time,
             set_up_time=set_up_time,
+        )
+
+    def _why(
+        self, outcome: Outcome, simulation: Simulation, trail: Trail, metrics: Metrics
+    ) -> Failure | None:
+        """Why the mission ended by a fall or out of time; None if it did not."""
+        if outcome not in ("fall", "timeout"):
+            return None
+        fallen = outcome == "fall"
+        return classify_failure(
+            fallen=fallen,
+            out_of_reach=not fallen and is_out_of_reach(self.world, self.body, self.timeout),
+            slam_error=metrics.slam_final_error,
+            time=simulation.time,
+            end=simulation.true_pose,
+            trail=trail,
+            way=metrics.path_length,
+            shortest=self.shortest_path,
         )
 
     def judge(self, simulation: Simulation) -> Outcome | None:

@@ -18,7 +18,7 @@ import numpy as np
 
 from robots.bodies.body import Body
 from robots.bodies.kinematics import place_mocap
-from robots.contacts import SceneContacts
+from robots.contacts import SceneContacts, Touch
 from vuca_nav.types import FloatArray
 from worlds.mjcf import build_arena, obstacle_name, part_name
 from worlds.world import World
@@ -66,6 +66,10 @@ class Physics:
             (getattr(self.data, name)[robot:], getattr(self._scene_data, name)[robot + shift :])
             for name in ("xfrc_applied", "xpos", "xquat")
         ]
+        joint = self._scene_model.body_jntadr[robot + shift]
+        base = self._scene_model.jnt_qposadr[joint], self._scene_model.jnt_dofadr[joint]
+        self._base = self._scene_data.qpos[base[0] :][:7], self._scene_data.qvel[base[1] :][:6]
+        self._before = np.empty(7), np.empty(6)
         self._mocap = self._scene_data.mocap_pos, self._scene_data.mocap_quat
 
     def reset(self) -> None:
@@ -77,7 +81,7 @@ class Physics:
         """Step the robot on the floor; nothing of the scene may be within its reach meanwhile."""
         mujoco.mj_step(self.model, self.data, nstep=steps)
 
-    def step_in_scene(self, steps: int, part_poses: FloatArray) -> tuple[str, str] | None:
+    def step_in_scene(self, steps: int, part_poses: FloatArray) -> Touch | None:
         """Step the robot in the scene.
 
         Args:
@@ -86,7 +90,7 @@ class Physics:
                 (num_parts, 3) [m, rad].
 
         Returns:
-            Name and kind of the first obstacle or part that the robot touched, None if it touched none.
+            The first contact of the robot with an obstacle or a part, None if it touched none.
         """
         model, data = self.scene_model, self._scene_data
         forces, *poses = self._per_body
@@ -96,8 +100,11 @@ class Physics:
         forces[1][:] = forces[0]
         touched = None
         for _ in range(steps):
+            if touched is None:
+                for before, now in zip(self._before, self._base, strict=True):
+                    before[:] = now
             mujoco.mj_step(model, data)
-            touched = touched or self._contacts.first(data)
+            touched = touched or self._contacts.first(data, *self._before)
         mujoco.mj_getState(model, data, self._state, _STATE)
         mujoco.mj_setState(self.model, self.data, self._state, _STATE)
         self.data.sensordata[:] = data.sensordata

@@ -18,6 +18,7 @@ from robots.clearance import FootprintClearance
 from robots.noise import NoiseConfig
 from robots.physics import Physics
 from robots.sensors import LidarNoise
+from robots.witness import Beams, ContactFacts, Witness
 from vuca_nav.errors import BadArgument, VucaError
 from vuca_nav.geometry import between
 from vuca_nav.telemetry.interface import SceneShape, Telemetry
@@ -79,6 +80,7 @@ class Simulation:
         scene_model: MuJoCo model of the robot in the scene.
         contact: Kind ("wall", "cart", ...) of the first obstacle or mover that the robot has touched; None before.
         contact_name: Name of that obstacle or mover's part, e.g. "wall_12".
+        contact_facts: How that contact came about; None before.
         fallen: Whether the robot lies on the floor or leans too far to recover.
         clearance: Distance of the footprint to the nearest obstacle or mover now, ``inf`` if there is none [m].
 
@@ -124,6 +126,10 @@ class Simulation:
         self._caster = RayCaster(static, parts, body.lidar)
         self._proximity = FootprintClearance(static, parts, body.spec.footprint, body.height)
         self._radius = body.spec.radius
+        names = [f"{mover.kind}_{m}" for m, mover in enumerate(world.movers)]
+        self._witness = Witness(static, parts, self._movers.part_mover, names)
+        self._obstacle_of = {obstacle_name(i, o.kind): i for i, o in enumerate(world.obstacles)}
+        self._part_of = {shape.name: p for p, shape in enumerate(mover_shapes(world))}
         self._lidar_noise = LidarNoise(body.lidar, noise, self._rng(0))
         self._lidar_offset = body.lidar.height - body.base_height
         self._rotation, self._origin = np.empty((3, 3)), np.empty(3)
@@ -139,6 +145,7 @@ class Simulation:
         self.time, self.true_pose = 0.0, world.start
         self.contact: str | None = None
         self.contact_name: str | None = None
+        self.contact_facts: ContactFacts | None = None
         self.fallen, self.clearance = False, math.inf
 
     def reset(self) -> tuple[Scan, Odometry]:
@@ -155,7 +162,8 @@ class Simulation:
         mujoco.mj_forward(self.model, self.data)
         self._bound.start_odometry()
         self._ticks, self.time = 0, 0.0
-        self.contact = self.contact_name = None
+        self.contact = self.contact_name = self.contact_facts = None
+        self._witness.reset()
 
         telemetry, bounds = self._telemetry, self.world.bounds
         telemetry.time(0.0)
@@ -175,6 +183,7 @@ class Simulation:
             raise BadArgument(f"command at {self.time:.3f} s is not finite: {command}")
         for _ in range(self._controls):
             x, y, yaw = planar_pose(self._base_qpos)
+            self._witness.moves(self._movers.time, self._movers.velocities)
             self._movers.step(self._control_dt, (x, y, self._radius))
             self._bound.apply(command)
             self._advance_physics(x, y, yaw)
@@ -203,7 +212,9 @@ class Simulation:
             return
         touched = self._physics.step_in_scene(self._substeps, poses)
         if self.contact is None and touched is not None:
-            self.contact_name, self.contact = touched
+            self.contact_name, self.contact = touched.name, touched.kind
+            part, obstacle = self._part_of.get(touched.name), self._obstacle_of.get(touched.name)
+            self.contact_facts = self._witness.tell(self._movers.time, touched, part, obstacle)
 
     def _observe(self) -> tuple[Scan, Odometry]:
         x, y, yaw = planar_pose(self._base_qpos)
@@ -218,6 +229,7 @@ class Simulation:
         self.clearance = self._proximity.distance(x, y, yaw, poses)
         rotation_of(self._base_qpos, self._lidar_offset, self._rotation, self._origin)
         self._caster.cast(self._origin, self._rotation, poses, self._clean)
+        self._witness.looks(self.time, Beams(self._origin, self._caster.directions, self._clean), poses)
         scan = Scan(self.time, self._lidar_noise.corrupt(self._clean))
 
         self._telemetry.true_pose(self.true_pose)

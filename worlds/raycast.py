@@ -48,6 +48,9 @@ class _Caster(NamedTuple):
 class RayCaster:
     """Casts all beams of a lidar into a world.
 
+    Attributes:
+        directions: Directions of the beams in the world at the last cast, (num_beams, 3).
+
     Args:
         static: The static shapes, in the world.
         part_shapes: The movers' parts: sizes and heights; their poses come with each cast.
@@ -62,6 +65,7 @@ class RayCaster:
             np.empty((lidar.num_beams, 3)), np.empty((len(shapes), 3)),
             np.empty((2, len(shapes) + _BINS + 1), np.int64),
         )  # fmt: skip
+        self.directions = self._caster.directions
 
     def cast(
         self, origin: FloatArray, world_from_lidar: FloatArray, part_poses: FloatArray, ranges: FloatArray
