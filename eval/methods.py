@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 from vuca_nav.errors import BadArgument, BadWeights, UnknownName
-from vuca_nav.exploration.critic import SHIPPED, LearnedCritic, load_critic
+from vuca_nav.exploration.critic import SHIPPED, CriticWeights, LearnedCritic, load_critic, value_network
 from vuca_nav.exploration.explorer import ExplorerConfig
 from vuca_nav.exploration.heuristic import NoCritic, Score
 from vuca_nav.mapping.slam import SlamConfig
@@ -22,7 +22,7 @@ from vuca_nav.policy.base import LocalPolicy
 from vuca_nav.policy.dynamic_window import DynamicWindow
 from vuca_nav.policy.learned import LearnedPolicy
 from vuca_nav.policy.network import Gate, PolicyNetwork
-from vuca_nav.policy.weights_file import WEIGHTS_FOLDER, load_weights
+from vuca_nav.policy.weights_file import WEIGHTS_FOLDER, PolicyWeights, load_weights
 from vuca_nav.shield.shield import Shield
 from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import BodySpec, LidarSpec
@@ -44,6 +44,16 @@ class ExplorerSettings:
     """Rate at which it is chosen anew, besides the triggers [Hz]: the paper's."""
     hysteresis: float = 3.0
     """Cost by which another candidate must be better than the present one [m]."""
+    look_ahead: float | None = 4.0
+    """Length along the path to a candidate at which the critic rates it [m]; None for the candidate itself, as in the
+    paper."""
+
+
+PAPER_EXPLORER = ExplorerSettings(score="normalised", rate=0.2, hysteresis=0.0, look_ahead=None)
+"""The choice as the paper prints it (Section III-C): both terms normalised over the candidates, every 5 s and at the
+four triggers, without a bonus for staying."""
+OWN_VALUE = "own-value"
+"""The critic that the policy was trained with, in its own weights file: the paper's V^h."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,21 +68,29 @@ class MethodConfig:
     """Source of the shares of the network's experts; None for a network of a single expert."""
     shield: bool = False
     """Whether a shield filters the controller's commands."""
-    critic: Path | None = None
-    """Weights file of the critic whose V^h rates the exploration's candidates."""
+    critic: Path | Literal["own-value"] | None = None
+    """Weights file of the critic whose V^h rates the exploration's candidates, or ``OWN_VALUE``."""
     explorer: ExplorerSettings = ExplorerSettings()
     gamma: float | None = None
-    """Weight of V^h: extra way that is worth it if it surely spares meeting a mover [m]; None without a critic."""
+    """Weight of V^h: extra way that is worth it if it surely spares meeting a mover [m], or without dimension for the
+    normalised score; None without a critic."""
+    tracks: Literal["all", "map"] = "all"
+    """What may use the percept's tracks: all stages, or map and costmap alone. Where it is the map alone, weights that
+    take tracks, a critic that takes them, and a shield are refused."""
     perception: PerceptionConfig = field(default_factory=PerceptionConfig)
-    """Settings of perception, for all stages alike; a method that does without tracks says so here."""
+    """Settings of perception, for all stages alike."""
 
     def __post_init__(self) -> None:
-        """Raises BadArgument for a controller without its weights, and for a gate or a gamma without its network."""
+        """Raises BadArgument for a controller without its weights, and for parts that do not go together."""
         if (self.controller == "network") != (self.weights is not None):
             raise BadArgument(f"controller {self.controller!r} with weights {self.weights}: only a network has them")
         for name, needs in (("gate", "weights"), ("gamma", "critic")):
             if getattr(self, name) is not None and getattr(self, needs) is None:
                 raise BadArgument(f"{name} goes with {needs}, which are not given")
+        if self.critic == OWN_VALUE and self.weights is None:
+            raise BadArgument(f"critic {OWN_VALUE!r} goes with weights, which are not given")
+        if self.tracks == "map" and self.shield:
+            raise BadArgument("a shield foresees tracks, which are for map and costmap alone")
 
     def row(self) -> dict[str, Any]:
         """The configuration as JSON holds it; shipped files are named by their stem, wherever they are installed."""
@@ -84,6 +102,10 @@ class Method(NamedTuple):
 
     description: str
     config: MethodConfig
+
+
+PAPER_GAMMA = 0.5
+"""Weight of V^h in ``paper``, without dimension."""
 
 
 def _network(weights: str, **changes: Any) -> MethodConfig:
@@ -107,6 +129,13 @@ METHODS: dict[str, Method] = {
         ),
     ),
     "ours-dh": Method("the full system without V^h", _network("fusion-plus", gate=Gate(), shield=True)),
+    "paper": Method(
+        "the paper's system as printed: fusion, unshielded; frontiers by D^h and its own V^h, normalised",
+        _network("paper", gate=Gate(), critic=OWN_VALUE, explorer=PAPER_EXPLORER, gamma=PAPER_GAMMA, tracks="map"),
+    ),
+    "paper-dh": Method(
+        "the paper's system without V^h", _network("paper", gate=Gate(), explorer=PAPER_EXPLORER, tracks="map")
+    ),
     "go-straight": Method("stage 1's expert for going straight alone, D^h", _network("go-straight")),
     "obstacle-avoidance": Method("stage 1's expert for avoiding obstacles alone, D^h", _network("obstacle-avoidance")),
     "single": Method("one network trained like the fused one, D^h", _network("single")),
@@ -141,7 +170,7 @@ class MethodOptions:
     critic: str | None = None
     """Weights file of the critic of V^h."""
     gamma: float | None = None
-    """Weight of V^h [m]."""
+    """Weight of V^h, in the method's unit."""
 
     def __post_init__(self) -> None:
         """Raise BadArgument for a gamma that is negative or not finite, or another gate than the uniform one."""
@@ -226,8 +255,15 @@ def _check_files(config: MethodConfig, given: dict[str, Any]) -> None:
         if "gate" in given and weights.experts == 1:
             raise BadArgument(f"{config.weights} has a single expert; --gate goes with weights of several")
         PolicyNetwork(weights, config.gate or Gate())
-    if config.critic is not None:
-        load_critic(config.critic)
+        _check_tracks(config, weights)
+    if isinstance(config.critic, Path):
+        _check_tracks(config, load_critic(config.critic))
+
+
+def _check_tracks(config: MethodConfig, taken: PolicyWeights | CriticWeights) -> None:
+    """Raise BadArgument if a network takes tracks that the method has for map and costmap alone."""
+    if config.tracks == "map" and taken.observation.kind == "tracked":
+        raise BadArgument(f"{taken.path} takes tracks, which this method has for map and costmap alone")
 
 
 def flag_of(option: str) -> str:
@@ -260,7 +296,7 @@ def identity_of(config: MethodConfig) -> dict[str, Any]:
         BadWeights: A weights file cannot be read.
     """
     files = {"weights_sha256": config.weights, "critic_sha256": config.critic}
-    return config.row() | {name: _digest(path) for name, path in files.items() if path is not None}
+    return config.row() | {name: _digest(path) for name, path in files.items() if isinstance(path, Path)}
 
 
 def build(
@@ -283,14 +319,21 @@ def build(
         VucaError: Weights cannot be used.
     """
     weights = None if method.weights is None else load_weights(method.weights)
-    critic = None if method.critic is None else load_critic(method.critic)
+    critic = _critic_of(method, weights)
     looks_back = (file.observation.memory for file in (weights, critic) if file is not None)
+    for file in (weights, critic):
+        if file is not None:
+            _check_tracks(method, file)
     memory = max(method.perception.memory, *looks_back, 0.0)
+    chooses = method.explorer
     explorer = ExplorerConfig(
-        score=method.explorer.score, gamma=method.gamma or 0.0, hysteresis=method.explorer.hysteresis
+        score=chooses.score,
+        gamma=method.gamma or 0.0,
+        hysteresis=chooses.hysteresis,
+        look_ahead=chooses.look_ahead,
     )
     config = NavigatorConfig(
-        exploration_rate=method.explorer.rate,
+        exploration_rate=chooses.rate,
         perception=replace(method.perception, memory=memory),
         slam=SlamConfig(localisation=localisation),
         explorer=explorer,
@@ -303,6 +346,16 @@ def build(
         policy = Shield(body, lidar, policy)
     safety = NoCritic() if critic is None else LearnedCritic(body, lidar, critic)
     return Navigator(body, lidar, policy, config, telemetry, safety)
+
+
+def _critic_of(method: MethodConfig, weights: PolicyWeights | None) -> CriticWeights | None:
+    """The critic that rates the exploration's candidates."""
+    if method.critic is None:
+        return None
+    if isinstance(method.critic, Path):
+        return load_critic(method.critic)
+    assert weights is not None  # __post_init__ has seen to it
+    return value_network(weights)
 
 
 def settings_of(navigator: Navigator) -> dict[str, Any]:
@@ -326,7 +379,7 @@ def _digest(path: Path) -> str:
         raise BadWeights(f"cannot read the weights {path}: {error.strerror}") from error
 
 
-def _stem_or_path(path: Path | None) -> str | None:
-    if path is None:
-        return None
+def _stem_or_path(path: Path | str | None) -> str | None:
+    if not isinstance(path, Path):
+        return path
     return path.stem if path.parent in (WEIGHTS_FOLDER, SHIPPED.parent) else str(path)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from eval.episode import Episode, EpisodeConfig, Progress
 from eval.methods import BEST_WITH_CRITIC, title_of
 from vuca_nav.errors import BadArgument
-from vuca_nav.exploration.heatmap import DARK, SafetyMap, safety_around
-from vuca_nav.exploration.heuristic import NoCritic
+from vuca_nav.exploration.heatmap import SafetyMap, safety_around
+from vuca_nav.exploration.heuristic import LEAST, NoCritic
 from vuca_nav.geometry import distance
 from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import FloatArray, Pose2
@@ -129,9 +129,10 @@ def view_at(
     )
 
 
-def colours_of(values: FloatArray) -> NDArray[np.uint8]:
-    """RGB of chances from ``DARK`` to certainty, (..., 3)."""
-    at = np.clip((values - DARK) / (1.0 - DARK), 0.0, 1.0) * (len(VIRIDIS) - 1)
+def colours_of(values: FloatArray, scale: tuple[float, float]) -> NDArray[np.uint8]:
+    """RGB of values, dark to bright over the scale, (..., 3)."""
+    low, high = scale
+    at = np.clip((values - low) / max(high - low, LEAST), 0.0, 1.0) * (len(VIRIDIS) - 1)
     return np.stack([np.interp(at, np.arange(len(VIRIDIS)), VIRIDIS[:, k]) for k in range(3)], axis=-1).astype(np.uint8)
 
 
@@ -145,7 +146,8 @@ def draw(view: View, path: Path) -> None:
 
     rows, columns = view.safety.values.shape
     zoom = max(1, round(SIZE / rows))
-    colours = colours_of(view.safety.values)
+    low, high = view.safety.scale
+    colours = colours_of(view.safety.values, (low, high))
     colours[view.occupied] = WALL
     field = Image.fromarray(np.ascontiguousarray(colours[::-1])).resize(
         (columns * zoom, rows * zoom), Image.Resampling.NEAREST
@@ -180,9 +182,9 @@ def draw(view: View, path: Path) -> None:
     pen.text((MARGIN, 8), f"{words}, {view.time:.1f} s", fill=WALL, font_size=18)
     legend = "white: robot   red: returns   magenta: exploration point   gold: goal   black: occupied"
     pen.text((MARGIN, picture.height - MARGIN + 10), legend, fill=WALL, font_size=14)
-    bar = colours_of(np.linspace(1.0, DARK, field.height)[:, None].repeat(20, axis=1))
+    bar = colours_of(np.linspace(high, low, field.height)[:, None].repeat(20, axis=1), (low, high))
     picture.paste(Image.fromarray(bar), (2 * MARGIN + field.width - 20, MARGIN))
-    for text, v in (("1.00", MARGIN), (f"{DARK:.2f}", MARGIN + field.height - 16)):
+    for text, v in ((f"{high:.2f}", MARGIN), (f"{low:.2f}", MARGIN + field.height - 16)):
         pen.text((2 * MARGIN + field.width + 4, v), text, fill=WALL, font_size=14)
     try:
         picture.save(path, "PNG")

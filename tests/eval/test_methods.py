@@ -18,6 +18,8 @@ from eval.methods import (
     CRITIC_RATE,
     GAMMA,
     METHODS,
+    OWN_VALUE,
+    PAPER_GAMMA,
     ExplorerSettings,
     Method,
     MethodConfig,
@@ -34,6 +36,7 @@ from tests.vuca_nav.random_safety import random_safety
 from tests.vuca_nav.rooms import LIDAR, disc_body
 from vuca_nav.errors import BadArgument, BadWeights, UnknownName
 from vuca_nav.exploration.critic import SHIPPED, LearnedCritic, load_critic
+from vuca_nav.exploration.heatmap import SafetyMap
 from vuca_nav.exploration.heuristic import NoCritic
 from vuca_nav.files import prepare_file
 from vuca_nav.perception.perception import PerceptionConfig
@@ -41,6 +44,7 @@ from vuca_nav.policy.dynamic_window import DynamicWindow
 from vuca_nav.policy.learned import LearnedPolicy
 from vuca_nav.policy.network import Gate
 from vuca_nav.policy.observation import ObservationConfig
+from vuca_nav.policy.weights_file import WEIGHTS_FOLDER, load_weights
 from vuca_nav.shield.shield import Shield
 
 
@@ -60,8 +64,8 @@ def built(name: str, **options):
 
 def test_the_table():
     assert list(METHODS) == [
-        "dwa-dh", "ours", "ours-dh", "go-straight", "obstacle-avoidance", "single", "fusion", "fusion-plus",
-        "single-plus",
+        "dwa-dh", "ours", "ours-dh", "paper", "paper-dh", "go-straight", "obstacle-avoidance", "single", "fusion",
+        "fusion-plus", "single-plus",
     ]  # fmt: skip
     assert resolve("dwa-dh") == MethodConfig("dynamic-window")
     assert resolve("ours").row() == {
@@ -70,8 +74,9 @@ def test_the_table():
         "gate": {"uniform": False, "without": None},
         "shield": True,
         "critic": "critic",
-        "explorer": {"score": "metres", "rate": 1.0, "hysteresis": 3.0},
+        "explorer": {"score": "metres", "rate": 1.0, "hysteresis": 3.0, "look_ahead": 4.0},
         "gamma": 300.0,
+        "tracks": "all",
         "perception": asdict(PerceptionConfig()),
     }
     assert (BEST, EpisodeConfig().method) == ("ours-dh", "ours-dh")
@@ -118,18 +123,18 @@ def test_a_method_is_written_as_it_is_typed():
     assert title_of("ours", {}) == "ours"
 
 
-GOES_WITH_A_GATE = "ours, ours-dh, fusion, fusion-plus"
+GOES_WITH_A_GATE = "ours, ours-dh, paper, paper-dh, fusion, fusion-plus"
 
 
 @pytest.mark.parametrize(
     ("name", "options", "message"),
     [
-        ("dwa-dh", {"policy": "p"}, "drives by no weights; --policy goes with: ours, ours-dh, go-straight, "),
+        ("dwa-dh", {"policy": "p"}, "drives by no weights; --policy goes with: ours, ours-dh, paper, "),
         ("dwa-dh", {"gate": "uniform"}, f"no gate over several experts; --gate goes with: {GOES_WITH_A_GATE}$"),
         ("single", {"without_expert": 1}, f"several experts; --without-expert goes with: {GOES_WITH_A_GATE}$"),
         ("fusion", {"no_shield": True}, "has no shield; --no-shield goes with: ours, ours-dh$"),
-        ("fusion", {"critic": "c"}, r"has no V\^h; --critic goes with: ours$"),
-        ("ours-dh", {"gamma": 0.0}, r"has no V\^h; --gamma goes with: ours$"),
+        ("fusion", {"critic": "c"}, r"has no V\^h; --critic goes with: ours, paper$"),
+        ("ours-dh", {"gamma": 0.0}, r"has no V\^h; --gamma goes with: ours, paper$"),
         ("fusion", {"without_expert": 5}, "cannot leave out expert 5: .* has 4, numbered 1 to 4"),
         ("fusion", {"without_expert": 0}, "cannot leave out expert 0: .* has 4, numbered 1 to 4"),
     ],
@@ -299,11 +304,50 @@ def test_looking_whether_a_file_can_be_written_changes_nothing(tmp_path):
 
 
 def test_colours_run_from_dark_to_bright():
-    colours = colours_of(np.array([[0.5, 1.0], [0.75, 0.2]]))
+    colours = colours_of(np.array([[0.5, 1.0], [0.75, 0.2]]), (0.5, 1.0))
     assert colours[0, 0].tolist() == [68, 1, 84]
     assert colours[0, 1].tolist() == [253, 231, 37]
     assert colours[1, 0].tolist() == [33, 145, 140]
     assert colours[1, 1].tolist() == colours[0, 0].tolist()
+
+
+def test_chances_are_drawn_alike_and_a_policys_values_over_their_range():
+    assert SafetyMap(np.array([[0.6, 0.9]]), (0.0, 0.0), 0.1).scale == (0.5, 1.0)
+    assert SafetyMap(np.array([[-1.0, 3.0]]), (0.0, 0.0), 0.1).scale == (-1.0, 3.0)
+
+
+def test_the_papers_system_is_as_printed():
+    paper = resolve("paper")
+    assert paper.row() == {
+        **resolve("fusion").row(),
+        "weights": "paper",
+        "critic": "own-value",
+        "explorer": {"score": "normalised", "rate": 0.2, "hysteresis": 0.0, "look_ahead": None},
+        "gamma": PAPER_GAMMA,
+        "tracks": "map",
+    }
+    assert resolve("paper-dh") == replace(paper, critic=None, gamma=None)
+    navigator = built("paper")
+    assert navigator.explorer.config.hysteresis == 0.0
+    assert navigator.explorer.config.look_ahead is None
+    assert navigator.config.exploration_rate == 0.2
+    assert isinstance(navigator.explorer.critic, LearnedCritic)
+    assert built("paper", gamma=2.0).explorer.config.gamma == 2.0
+
+
+def test_the_papers_weights_are_pinned():
+    """Those of the two stages, whatever ``fusion`` becomes."""
+    identity = identity_of(resolve("paper"))
+    assert identity["weights_sha256"] == "44388017e26b131dc42a65241678bf714096dfcfff72cfafd2f6acabc145b686"
+    assert load_weights(WEIGHTS_FOLDER / "paper.safetensors").observation.kind == "paper"
+
+
+def test_what_takes_tracks_is_refused_where_they_are_for_the_map_alone(weights, critic):
+    for options in ({"policy": weights}, {"critic": critic}):
+        with pytest.raises(BadArgument, match=r"takes tracks, which this method has for map and costmap alone"):
+            resolve("paper", MethodOptions(**options))
+    with pytest.raises(BadArgument, match="a shield foresees tracks"):
+        replace(resolve("paper"), shield=True)
 
 
 def test_every_controller_goes_with_a_shield_and_a_critic():
@@ -322,6 +366,7 @@ def test_every_controller_goes_with_a_shield_and_a_critic():
         {"controller": "dynamic-window", "weights": SHIPPED},
         {"controller": "dynamic-window", "gate": Gate()},
         {"controller": "dynamic-window", "gamma": 1.0},
+        {"controller": "dynamic-window", "critic": OWN_VALUE},
     ],
 )
 def test_a_configuration_whose_parts_do_not_go_together_is_refused(wrong):

@@ -1,16 +1,17 @@
-"""V^h (Zhang et al., Section III-C): the chance of reaching a place without meeting a mover."""
+"""V^h (Zhang et al., Section III-C): the chance of reaching a place unharmed, or a policy's own value of it."""
 
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vuca_nav.errors import BadWeights
 from vuca_nav.exploration.heuristic import Critic
 from vuca_nav.geometry import inverse, transform_points
 from vuca_nav.perception.percept import Percept
 from vuca_nav.policy.observation import ObservationConfig, PerceptObserver, goal_features
-from vuca_nav.policy.weights_file import LAYERS, Single, layer_shapes, observation_config
+from vuca_nav.policy.weights_file import LAYERS, PolicyWeights, Single, layer_shapes, observation_config
 from vuca_nav.safetensors_file import checked_all, read_weights
 from vuca_nav.types import BodySpec, FloatArray, LidarSpec, Pose2
 
@@ -24,7 +25,7 @@ MOST_LOGIT = 50.0
 
 @dataclass(frozen=True, slots=True)
 class CriticWeights:
-    """Checked content of a critic's file: a network with ReLU that gives the logit of the chance."""
+    """Checked network of a critic: it gives the logit of a chance, or the value that a policy was trained with."""
 
     path: Path
     observation: ObservationConfig
@@ -33,6 +34,32 @@ class CriticWeights:
     weights: tuple[Single, ...]
     """Three matrices (outputs, inputs)."""
     biases: tuple[Single, ...]
+    activation: str = "relu"
+    """Activation of the hidden layers, ``"relu"`` or ``"elu"``."""
+    is_chance: bool = True
+    """Whether the output is the logit of a chance; else it is V^h itself."""
+
+
+def value_network(policy: PolicyWeights) -> CriticWeights:
+    """The critic that a policy was trained with: the paper's V^h (Section III-C), in the unit of its scaled rewards.
+
+    The observation's mean and scale become part of the first layer.
+
+    Args:
+        policy: Result of ``load_weights``.
+    """
+    (first, *weights), (bias, *biases) = policy.critic_weights, policy.critic_biases
+    scaled = np.asarray(first * policy.scale, np.float32)
+    shifted = np.asarray(bias - scaled @ policy.mean, np.float32)
+    return CriticWeights(
+        policy.path,
+        policy.observation,
+        policy.metadata,
+        (scaled, *weights),
+        (shifted, *biases),
+        policy.activation,
+        is_chance=False,
+    )
 
 
 def load_critic(path: Path) -> CriticWeights:
@@ -57,14 +84,14 @@ def load_critic(path: Path) -> CriticWeights:
 class LearnedCritic(Critic):
     """Rates points by a trained critic that sees the percept with each point as its goal, in one batch (Section III-C).
 
-    The paper takes the value that the policy was trained with. That pays for every metre towards the goal, so that it
-    mostly measures distance, which D^h is there for; this critic was trained only for whether a moving obstacle
-    is met (``train.critic``).
+    The paper takes the value that the policy was trained with (``value_network``). That pays for every metre towards
+    the goal, so that it mostly measures distance, which D^h is there for; the critic of ``load_critic`` was trained
+    only for whether a moving obstacle is met (``train.critic``).
 
     Args:
         body: The robot's body.
         lidar: The body's lidar.
-        weights: Result of ``load_critic``.
+        weights: Result of ``load_critic`` or of ``value_network``.
 
     Raises:
         BadArgument: If the critic's observation does not go with the lidar.
@@ -74,9 +101,11 @@ class LearnedCritic(Critic):
         self._observer = PerceptObserver(weights.observation, body, lidar)
         self._goal = weights.observation.goal_slice
         self._weights, self._biases = weights.weights, weights.biases
+        self._activate = _relu if weights.activation == "relu" else _elu
+        self._is_chance = weights.is_chance
 
     def values(self, points_in_map: FloatArray, percept: Percept, map_from_base: Pose2) -> FloatArray:
-        """Chances (n,) for points (n, 2) [m]; all 1 while the percept is not valid."""
+        """V^h (n,) of points (n, 2) [m]; all 1 while the percept is not valid."""
         if not percept.is_valid:
             return np.ones(len(points_in_map))
         observation = self._observer.observe(percept, (0.0, 0.0))
@@ -84,9 +113,19 @@ class LearnedCritic(Critic):
         (first, second, last), (bias, bias_1, bias_2), at = self._weights, self._biases, self._goal
         # The goals' part of the first layer is all that differs between points.
         common = first @ observation + bias - first[:, at] @ observation[at]
-        logit = np.empty(len(goals))
+        output = np.empty(len(goals))
         for k in range(0, len(goals), BATCH):
-            hidden = np.maximum(common + goals[k : k + BATCH] @ first[:, at].T, 0.0)
-            hidden = np.maximum(hidden @ second.T + bias_1, 0.0)
-            logit[k : k + BATCH] = (hidden @ last.T + bias_2)[:, 0]
-        return 1.0 / (1.0 + np.exp(-np.clip(logit, -MOST_LOGIT, MOST_LOGIT)))
+            hidden = self._activate(common + goals[k : k + BATCH] @ first[:, at].T)
+            hidden = self._activate(hidden @ second.T + bias_1)
+            output[k : k + BATCH] = (hidden @ last.T + bias_2)[:, 0]
+        if not self._is_chance:
+            return output
+        return 1.0 / (1.0 + np.exp(-np.clip(output, -MOST_LOGIT, MOST_LOGIT)))
+
+
+def _relu(values: NDArray[np.floating]) -> NDArray[np.floating]:
+    return np.maximum(values, 0.0)
+
+
+def _elu(values: NDArray[np.floating]) -> NDArray[np.floating]:
+    return np.where(values < 0.0, np.expm1(np.minimum(values, 0.0)), values)

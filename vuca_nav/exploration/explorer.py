@@ -30,9 +30,11 @@ class ExplorerConfig:
     score: Score = "metres"
     """How D^h and V^h are weighed against each other."""
     gamma: float = 0.0
-    """Weight of V^h, which needs a critic: in metres, the extra way that surely sparing a mover is worth [m]."""
-    look_ahead: float = 4.0
-    """Length along the path to a candidate at which the critic rates it [m]: the near part of the way can be seen."""
+    """Weight of V^h, which needs a critic: for the score in metres, the extra way that surely sparing a mover is worth
+    [m]; for the normalised one, without dimension."""
+    look_ahead: float | None = 4.0
+    """Length along the path to a candidate at which the critic rates it [m]: the near part of the way can be seen. None
+    for the candidate itself, which the paper sets as O_g."""
     min_frontier: float = 0.4
     """Shorter frontiers are noise [m]. Cells too near to walls do not count: an opening of 1 m has 0.4 m."""
     max_frontier: float = 3.0
@@ -177,7 +179,8 @@ class Explorer:
             return None
         goal_cost = np.hypot(points[:, 0] - self.goal[0], points[:, 1] - self.goal[1]) + lengths
         pose = survey.map_from_base
-        safety = self.critic.values(paths.on_the_way(approach, config.look_ahead), percept, pose)
+        rated = points if config.look_ahead is None else paths.on_the_way(approach, config.look_ahead)
+        safety = self.critic.values(rated, percept, pose)
         if self.target is not None and not self.target.is_goal:
             away = np.hypot(points[:, 0] - self.target.point[0], points[:, 1] - self.target.point[1])
             goal_cost = goal_cost - config.hysteresis * (away < config.same_within)

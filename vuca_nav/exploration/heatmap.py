@@ -8,7 +8,7 @@ import numpy as np
 from vuca_nav.types import FloatArray
 
 DARK = 0.5
-"""V^h at and below which a place is drawn darkest."""
+"""Chance at and below which a place is drawn darkest."""
 
 
 class SafetyMap(NamedTuple):
@@ -20,6 +20,16 @@ class SafetyMap(NamedTuple):
     """Corner of the first cell, in the map [m]."""
     resolution: float
     """Side of a cell [m]."""
+
+    @property
+    def scale(self) -> tuple[float, float]:
+        """Values that are drawn darkest and brightest.
+
+        Chances are drawn from an even one to certainty, alike in all maps. A policy's values, which are rewards and no
+        chances, are drawn over their own range.
+        """
+        least, greatest = float(self.values.min()), float(self.values.max())
+        return (DARK, 1.0) if least >= 0.0 and greatest <= 1.0 else (least, greatest)
 
 
 def safety_around(

@@ -17,7 +17,7 @@ class Critic(ABC):
 
     @abstractmethod
     def values(self, points_in_map: FloatArray, percept: Percept, map_from_base: Pose2) -> FloatArray:
-        """Chances of getting there unharmed.
+        """V^h of each point as a goal: the chance of getting there unharmed, or a policy's own value.
 
         Args:
             points_in_map: (n, 2) [m].
@@ -25,7 +25,7 @@ class Critic(ABC):
             map_from_base: The robot's pose.
 
         Returns:
-            (n,) in [0, 1]; higher is safer.
+            (n,); higher is safer. Chances are in [0, 1].
         """
 
 

@@ -5,15 +5,18 @@ import numpy as np
 import pytest
 from safetensors.numpy import save_file
 
+from tests.vuca_nav.random_policy import PAPER, random_policy
+from tests.vuca_nav.random_policy import random_tensors as policy_tensors
 from tests.vuca_nav.random_safety import TRACKED, random_safety, random_tensors
 from tests.vuca_nav.rooms import LIDAR, Sensors, disc_body, percept_of, ranges_to_boxes, room, scan_of
 from vuca_nav.errors import BadArgument, BadWeights
-from vuca_nav.exploration.critic import SHIPPED, LearnedCritic, load_critic
+from vuca_nav.exploration.critic import SHIPPED, LearnedCritic, load_critic, value_network
 from vuca_nav.exploration.explorer import ExplorerConfig
 from vuca_nav.geometry import compose, inverse, transform_points
 from vuca_nav.navigator import Navigator, NavigatorConfig
 from vuca_nav.policy.dynamic_window import DynamicWindow
 from vuca_nav.policy.observation import PerceptObserver, goal_features
+from vuca_nav.policy.weights_file import load_weights
 from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import STANDING, STOP, LidarSpec, Odometry, Pose2, Twist2
 
@@ -60,6 +63,24 @@ def test_chances_are_the_networks_for_the_observation_with_the_goal_replaced(cri
     assert len(critic.values(np.empty((0, 2)), percept, pose)) == 0
     many = np.tile(POINTS, (2000, 1))  # more than are rated at a time
     assert critic.values(many, percept, pose) == pytest.approx(np.tile(chances, 2000), abs=1e-6)
+
+
+@pytest.mark.parametrize("activation", ["relu", "elu"])
+def test_a_policys_own_value_is_its_critic_for_the_observation_with_the_goal_replaced(tmp_path, activation):
+    weights = load_weights(random_policy(tmp_path / "p.safetensors", PAPER, activation, critic=20, seed=3))
+    critic = LearnedCritic(BODY, LIDAR, value_network(weights))
+    pose, percept = Pose2(2.3, 3.0, 0.7), percept_in_room()
+    values = critic.values(POINTS, percept, pose)
+    tensors = {name: t.astype(np.float64) for name, t in policy_tensors(PAPER, critic=20, seed=3).items()}
+    observer = PerceptObserver(PAPER, BODY, LIDAR)
+    for point, value in zip(transform_points(inverse(pose), POINTS), values):
+        x = (observer.observe(percept, tuple(point)).astype(np.float64) - tensors["mean"]) * tensors["scale"]
+        for k in range(3):
+            x = tensors[f"critic_weight_{k}"] @ x + tensors[f"critic_bias_{k}"]
+            if k < 2:
+                x = np.maximum(x, 0.0) if activation == "relu" else np.where(x > 0.0, x, np.exp(x) - 1.0)
+        assert value == pytest.approx(x[0], abs=2e-5)
+    assert np.ptp(values) > 1e-3
 
 
 @pytest.mark.parametrize("broken", [{"ranges": np.full(360, np.nan)}, {"twist": Twist2(math.nan, 0.0, 0.0)}])

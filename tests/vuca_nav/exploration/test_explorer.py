@@ -193,6 +193,36 @@ def test_the_critic_is_asked_where_the_ways_lead_first():
             np.testing.assert_array_equal(critic.asked, approach)
 
 
+class Values(Critic):
+    """Gives the candidates, from the upper one on, these values."""
+
+    def __init__(self, *values: float):
+        self._values, self.asked = np.array(values), np.empty((0, 2))
+
+    def values(self, points_in_map, percept, map_from_base):
+        self.asked = points_in_map
+        return self._values[np.argsort(np.argsort(-points_in_map[:, 1]))]
+
+
+def test_the_papers_choice_by_hand():
+    """Of two candidates each term is 0 for one and 1 for the other: gamma alone decides, whatever the values' unit."""
+    survey, told = survey_of(two_doors()), Decisions()
+    for gamma, expected_y in ((0.9, 2.0), (1.1, 3.85)):
+        critic = Values(-3.0, -3.001)
+        explorer = Explorer(
+            ExplorerConfig(score="normalised", gamma=gamma, hysteresis=0.0, look_ahead=None), critic, told
+        )
+        explorer.reset((20.0, 2.0))
+        target = choose(explorer, 0.0, survey)
+        assert target is not None
+        assert target.point[1] == pytest.approx(expected_y, abs=0.25)
+        view = told.views[-1]
+        np.testing.assert_array_equal(critic.asked, view.points_in_map)  # the candidates themselves, as O_g
+        upper = int(np.argmax(view.points_in_map[:, 1]))
+        assert view.score[upper] == pytest.approx(1.0)
+        assert view.score[1 - upper] == pytest.approx(gamma)
+
+
 def test_a_known_goal_is_the_target():
     survey = survey_of(two_doors())
     explorer = Explorer()

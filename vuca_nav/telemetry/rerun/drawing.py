@@ -7,7 +7,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from vuca_nav.exploration.heatmap import DARK, SafetyMap
+from vuca_nav.exploration.heatmap import SafetyMap
 from vuca_nav.geometry import compose, distance
 from vuca_nav.telemetry.interface import FrontierView, SceneShape
 from vuca_nav.telemetry.rerun.blueprint import (
@@ -73,11 +73,12 @@ def grid_map(greys: NDArray[np.uint8], resolution: float, origin: tuple[float, f
 
 
 def safety_grid(safety: SafetyMap) -> rr.GridMap | None:
-    """V^h as colours, from an even chance or less (dark) to certainty (bright); None if all are alike."""
+    """V^h as colours, dark to bright over the map's scale; None if all are alike."""
     values = safety.values
     if values.min() == values.max():
         return None
-    levels = np.round(255.0 * np.clip((values - DARK) / (1.0 - DARK), 0.0, 1.0)).astype(np.uint8)
+    low, high = safety.scale
+    levels = np.round(255.0 * np.clip((values - low) / (high - low), 0.0, 1.0)).astype(np.uint8)
     rows, columns = values.shape
     return rr.GridMap(
         data=np.ascontiguousarray(levels[::-1]).tobytes(),  # an image's first row is its upper one
@@ -182,7 +183,7 @@ def frontier_points(view: FrontierView, z: float) -> rr.Points3D:
 def labelled_frontiers(view: FrontierView, which: Sequence[int], z: float) -> rr.Points3D:
     """Some candidates with their score and its parts in writing."""
     labels = [
-        f"#{rank} {view.score[i]:.1f} m (D {view.goal_term[i]:.1f}, V {view.safety_term[i]:.1f})"
+        f"#{rank} {view.score[i]:.1f} (D {view.goal_term[i]:.1f}, V {view.safety_term[i]:.1f})"
         for rank, i in enumerate(which, start=1)
     ]
     return floating_labels(at_height(view.points_in_map[list(which)], z), labels)
