@@ -19,6 +19,8 @@ TRAINABLE = {
     "base-plus": "one network that sees tracks of what moves",
     "single-plus": "one network, trained on from base-plus",
     "fusion-plus": "four networks fused by a gate that is taught; starts as base-plus",
+    "drl-circle": "the first stage of the baseline drl, 24 robots in a circle",
+    "drl": "the baseline of Long et al., 44 robots in a hall; starts as drl-circle",
     "critic": "the critic of V^h, from episodes that fusion-plus drives",
     "all": "everything but locomotion, one after another",
 }

@@ -1,6 +1,7 @@
-"""The arena: n robots, each in a world of its own, one decision a call."""
+"""The arena: n robots, each in a world of its own or several together, one decision a call."""
 
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -43,7 +44,7 @@ class Arena:
         observer_config: Observation of the robots.
         n: Number of robots.
         seed: Seed of all episodes; the layouts have their own, ``config.world_seed``.
-        threads: Number of threads that step the rows; more than there are cores is no use.
+        threads: Number of threads that step the rows, whole worlds each; more than there are cores is no use.
         once: Each row runs one episode and then stays as it is.
 
     Attributes:
@@ -68,14 +69,18 @@ class Arena:
     ):
         if n < 1 or threads < 1 or seed < 0:
             raise BadArgument(f"arena of {n} robots on {threads} threads, seed {seed}: 1, 1 and 0 or more")
-        threads = min(threads, n)
+        if n % config.robots:
+            raise BadArgument(f"arena of {n} robots, {config.robots} in each world: a multiple of {config.robots}")
+        worlds = n // config.robots
+        threads = min(threads, worlds)
         self.config, self.observer_config, self.n = config, observer_config, n
         bank, bodies = make_bank(config), body_columns(config)
         atlas = Observer(observer_config, [b.spec for b in bodies.bodies], config.num_beams, config.decision_rate)
         self.bank, self.bodies = bank, bodies
         self.observation_size = observer_config.size
         self.outputs = _outputs(n, observer_config.size)
-        self._bounds = [(k * n // threads, (k + 1) * n // threads) for k in range(threads)]
+        firsts = [k * worlds // threads * config.robots for k in range(threads + 1)]
+        self._bounds = list(pairwise(firsts))
         self.shards = [
             Shard(
                 config, observer_config, bank, bodies, atlas, b - a,

@@ -19,7 +19,7 @@ from tqdm import tqdm
 
 import worlds
 from train.arena.bodies import LARGEST_RADIUS
-from train.arena.config import KINDS, ArenaConfig
+from train.arena.config import ALL_KINDS, CROWDED_KINDS, ArenaConfig
 from vuca_nav.errors import BadWorld
 from vuca_nav.files import write_whole
 from vuca_nav.types import FloatArray
@@ -27,6 +27,7 @@ from worlds.arrays import pack_shapes
 from worlds.clearance import ClearanceField, clearance_field, distance_to_wide_ways
 from worlds.level_raycast import LEVEL_COLUMNS, level_columns
 from worlds.registry import make_world
+from worlds.scenes import crowded
 from worlds.scenes.parts.population import BODIES, MOVER_WAY, long_ways
 from worlds.shortest_path import STEPS
 from worlds.world import World
@@ -43,9 +44,16 @@ CACHE_ABOVE = 10.0
 """Time from which on a bank that took it to make is kept on disk [s]."""
 _STARTS = 16
 """Number of starts in each layout; the goals are spread around them."""
+_STARTS_A_ROBOT = 4
+"""The same for each robot of a layout that several share: enough for all to start apart."""
 _PATH_CELL = 2
 """Spacing of the nodes of paths, in cells of the clearance grid."""
-_SOURCES = {"static": "static", "dynamic": "dynamic", "mixed": "static", "square": "square", "corridor": "factory"}
+_SOURCES = {"static": "static", "dynamic": "dynamic", "mixed": "static", "square": "square", "corridor": "factory"} | {
+    kind: kind for kind in CROWDED_KINDS
+}
+_CROWDED = {"circle": crowded.circle, "hall": crowded.hall}
+_RADII = {"circle": crowded.CIRCLE_RADIUS}
+"""Radius of the circle about the middle of the ground that starts and goals lie in, where there is one [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +61,7 @@ class Bank:
     """All layouts, one after the other, and the movers' shapes."""
 
     kind_first: np.ndarray
-    """Index of the first layout of each of ``KINDS``, and one past its last, (kinds, 2)."""
+    """Index of the first layout of each of ``ALL_KINDS``, and one past its last, (kinds, 2)."""
     static: FloatArray
     """Shapes of the static obstacles, (s, LEVEL_COLUMNS)."""
     first: np.ndarray
@@ -84,7 +92,8 @@ class Bank:
 
 def make_bank(config: ArenaConfig) -> Bank:
     """Make the bank of a configuration, or read it from the cache."""
-    what = f"{config.layouts} {config.pairs} {config.lengths} {config.world_seed} {LARGEST_RADIUS} {_used(config)}"
+    sizes = f"{config.layouts} {config.pairs} {config.lengths} {config.world_seed}"
+    what = f"{sizes} {LARGEST_RADIUS} {_used(config)} {config.robots}"
     file = cache_folder() / f"{hashlib.sha256(_code() + what.encode()).hexdigest()[:32]}.npz"
     names = [field.name for field in fields(Bank)]
     try:
@@ -114,7 +123,7 @@ def cache_folder() -> Path:
 
 def _used(config: ArenaConfig) -> list[str]:
     """Generators that this configuration needs, each once."""
-    return list(dict.fromkeys(_SOURCES[kind] for kind, share in zip(KINDS, config.shares) if share > 0.0))
+    return list(dict.fromkeys(_SOURCES[kind] for kind, share in zip(ALL_KINDS, config.shares) if share > 0.0))
 
 
 def _make(config: ArenaConfig) -> Bank:
@@ -140,7 +149,7 @@ def _make(config: ArenaConfig) -> Bank:
             pairs.append(tasks)
             bar.update()
     bar.close()
-    kind_first = np.array([_span(sources, _SOURCES[kind], config.layouts) for kind in KINDS], np.int64)
+    kind_first = np.array([_span(sources, _SOURCES[kind], config.layouts) for kind in ALL_KINDS], np.int64)
     return Bank(
         kind_first, np.concatenate(statics), np.array(firsts), np.array(grids), np.array(shapes),
         np.concatenate(clearances), np.concatenate(aways), np.concatenate(places), np.array(places_of),
@@ -161,10 +170,13 @@ def _layout(source: str, config: ArenaConfig, k: int, rng: np.random.Generator) 
     for attempt in range(20):
         seed = config.world_seed + k + attempt * config.layouts
         try:
-            world = make_world(source, seed, region=region, movers=movers, footprint_radius=LARGEST_RADIUS)
+            if source in _CROWDED:
+                world = _CROWDED[source](seed, LARGEST_RADIUS)
+            else:
+                world = make_world(source, seed, region=region, movers=movers, footprint_radius=LARGEST_RADIUS)
         except BadWorld:
             continue
-        tasks = _tasks(clearance_field(world.obstacles, world.bounds), config, rng)
+        tasks = _tasks(clearance_field(world.obstacles, world.bounds), config, rng, _RADII.get(source, math.inf))
         if len(tasks):
             return world, tasks
     raise BadWorld(
@@ -172,24 +184,30 @@ def _layout(source: str, config: ArenaConfig, k: int, rng: np.random.Generator) 
     )
 
 
-def _tasks(field: ClearanceField, config: ArenaConfig, rng: np.random.Generator) -> FloatArray:
-    """Draw starts and goals with shortest paths of evenly spread lengths in the wanted range, (pairs, 5), or none."""
+def _tasks(field: ClearanceField, config: ArenaConfig, rng: np.random.Generator, radius: float) -> FloatArray:
+    """Draw starts and goals with shortest paths of evenly spread lengths in the wanted range, (pairs, 5), or none.
+
+    All are within ``radius`` of the middle of the ground [m].
+    """
     free = field.distance >= LARGEST_RADIUS + MARGIN
+    if radius < math.inf:
+        middle = 0.5 * np.array(free.shape)
+        rows, columns = np.indices(free.shape)
+        free &= np.hypot(rows + 0.5 - middle[0], columns + 0.5 - middle[1]) * field.resolution <= radius
     coarse = free[::_PATH_CELL, ::_PATH_CELL]
     cells = np.argwhere(coarse)
     if len(cells) < 2:
         return np.empty((0, 5))
     graph = _graph(coarse, field.resolution * _PATH_CELL)
-    chosen = rng.choice(len(cells), _STARTS)
-    index = np.full(coarse.shape, -1)
-    index[coarse] = np.arange(len(cells))
+    starts = _STARTS if config.robots == 1 else _STARTS_A_ROBOT * config.robots
+    chosen = rng.choice(len(cells), starts)
     lengths = csgraph.dijkstra(graph, indices=chosen)  # (starts, cells)
     low, high = config.lengths
     tasks = np.empty((config.pairs, 5))
     centres = field.centres(cells * _PATH_CELL)
     filled = 0
     for _ in range(20 * config.pairs):
-        start = int(rng.integers(_STARTS))
+        start = int(rng.integers(starts))
         wanted = rng.uniform(low, high)
         near = np.flatnonzero(np.abs(lengths[start] - wanted) < 0.3)
         if len(near) == 0:

@@ -11,6 +11,9 @@ from worlds.registry import TRAINING_SEED
 KINDS = ("static", "dynamic", "mixed", "square", "corridor")
 """Kinds of worlds: walls and roadblocks; open ground with movers; walls, roadblocks and movers; the plaza with movers;
 the corridors of the factory's first quarter with movers."""
+CROWDED_KINDS = ("circle", "hall")
+"""Kinds of worlds that many robots share, and nothing else moves in: open ground; ground of four sorts."""
+ALL_KINDS = (*KINDS, *CROWDED_KINDS)
 BODY_KINDS = ("tiago", "go2", "random")
 MAX_LATENCY = 8
 """Greatest latency [ticks]: more than any stack has; commands are remembered for no longer."""
@@ -72,11 +75,16 @@ class ArenaConfig:
     """Settings of the episodes that the arena draws."""
 
     static: float = 0.2
-    """Weight of this kind of world among all; likewise the other four."""
+    """Weight of this kind of world among all; likewise the other six."""
     dynamic: float = 0.25
     mixed: float = 0.3
     square: float = 0.1
     corridor: float = 0.15
+    circle: float = 0.0
+    hall: float = 0.0
+    robots: int = 1
+    """Number of robots in each world, moving obstacles to one another; more than one only in ``CROWDED_KINDS``. A world
+    keeps its layout until all episodes begin anew."""
     movers: tuple[int, int] = (6, 20)
     """Fewest and most movers, in the worlds that have any."""
     mover_speeds: tuple[float, float] = (0.2, 2.0)
@@ -112,7 +120,7 @@ class ArenaConfig:
 
     def __post_init__(self) -> None:
         """Raise BadArgument for a value that is out of its range."""
-        for names in (KINDS, BODY_KINDS):
+        for names in (ALL_KINDS, BODY_KINDS):
             weights = [getattr(self, name) for name in names]
             if min(weights) < 0.0 or not 0.0 < sum(weights) < math.inf:
                 raise BadArgument(f"weights of {', '.join(names)} must be 0 or more and not all 0, got {weights}")
@@ -121,7 +129,12 @@ class ArenaConfig:
         reached = f"in part beyond the {GOAL_TOLERANCE} m within which a goal counts as reached"
         check_fields(self, reached, lambda pair: pair[1] > GOAL_TOLERANCE, "lengths")
         check_fields(self, "a divisor of 30 Hz", lambda rate: rate >= 1 and 30 % rate == 0, "decision_rate")
-        check_counts(self, "num_beams", "layouts", "pairs", "num_bodies")
+        check_counts(self, "num_beams", "layouts", "pairs", "num_bodies", "robots")
+        if self.robots > 1 and any(getattr(self, kind) for kind in KINDS):
+            raise BadArgument(
+                f"{self.robots} robots a world go with {', '.join(CROWDED_KINDS)} only; give the other kinds a weight "
+                "of 0"
+            )
         check_not_negative(self, "world_seed", "time_slack")
         check_shares(self, "patrols", "pausing")
         check_positive(self, "time_factor")
@@ -132,9 +145,9 @@ class ArenaConfig:
         Raises:
             BadArgument: If there is no such kind.
         """
-        if kind not in KINDS:
-            raise BadArgument(f"no kind of world {kind!r}; there are {', '.join(KINDS)}")
-        return replace(self, **{name: float(name == kind) for name in KINDS})  # type: ignore[arg-type]
+        if kind not in ALL_KINDS:
+            raise BadArgument(f"no kind of world {kind!r}; there are {', '.join(ALL_KINDS)}")
+        return replace(self, **{name: float(name == kind) for name in ALL_KINDS})  # type: ignore[arg-type]
 
     def driven_by(self, body: str) -> "ArenaConfig":
         """Make the same configuration with only this kind of body.
@@ -148,8 +161,8 @@ class ArenaConfig:
 
     @property
     def shares(self) -> tuple[float, ...]:
-        """Shares of the kinds of worlds, summing to 1."""
-        weights = [getattr(self, name) for name in KINDS]
+        """Shares of ``ALL_KINDS``, summing to 1."""
+        weights = [getattr(self, name) for name in ALL_KINDS]
         return tuple(weight / sum(weights) for weight in weights)
 
     @property

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from robots.clearance import Outlines, PartTrajectories, StaticScenes, overlaps_batch
 from train.arena.bank import Bank
 from train.arena.bodies import HIGHEST, LARGEST_RADIUS, WHEEL_ARM, WHEEL_SPEED, BodyColumns
-from train.arena.config import KINDS, ArenaConfig
+from train.arena.config import ALL_KINDS, CROWDED_KINDS, ArenaConfig
 from train.arena.kernels import (
     Driven,
     Ends,
@@ -25,6 +25,7 @@ from train.arena.kernels import (
     sense,
 )
 from train.arena.rows import GOAL_X, GOAL_Y, Rows
+from train.arena.shared_worlds import Draw, Encounters, NoEncounters, RobotTrajectories, SharedWorlds, Sight
 from vuca_nav.policy.observation import ObservationConfig, Observer, command_from_action, goal_features
 from vuca_nav.task import GOAL_TOLERANCE
 from vuca_nav.types import FloatArray, LidarSpec
@@ -39,7 +40,7 @@ STANDING = (3.0, 1.5)
 NOISE_TABLE = 1 << 16
 """Number of beams in the table of range noise, which each scan reads from a place drawn for it."""
 _TURN = np.array([math.cos(TURN_RATE * TICK), math.sin(TURN_RATE * TICK)])
-MOVING_KINDS = np.array([kind != "static" for kind in KINDS])
+MOVING_KINDS = np.array([kind not in ("static", *CROWDED_KINDS) for kind in ALL_KINDS])
 
 
 class Outputs(NamedTuple):
@@ -62,7 +63,7 @@ class Outputs(NamedTuple):
 
 
 class Shard:
-    """Some rows of an arena; no row depends on another.
+    """Some rows of an arena; a row depends on others of its world only.
 
     Args:
         config: Settings of the arena.
@@ -141,8 +142,8 @@ class Shard:
             bodies.first, bodies.shape, bodies.limits, bodies.response, bank.kind_first, bank.pairs
         )
         self._settings = EpisodeSettings(
-            np.array(config.shares), np.array(config.body_shares), MOVING_KINDS, config.movers, config.mover_speeds,
-            flaws.latency, config.time_factor, config.time_slack, MOVER_DISTANCE, flaws.response_spread,
+            np.trim_zeros(np.array(config.shares), "b"), np.array(config.body_shares), MOVING_KINDS, config.movers,
+            config.mover_speeds, flaws.latency, config.time_factor, config.time_slack, MOVER_DISTANCE, flaws.response_spread,
             flaws.velocity_noise, flaws.odometry_scale, flaws.odometry_turn, flaws.pose_sigma, flaws.yaw_sigma,
         )  # fmt: skip
         self._flaws = SensorFlaws(
@@ -153,11 +154,17 @@ class Shard:
         self._driven = Driven(self._poses, self._twist, self.motion, out.way)
         self._ends = Ends(out.progress, out.collided, out.reached, out.timed_out, out.ended)
         self._sensed = Sensed(self.ranges, out.clearance, out.nearest, self.goals, self.measured)
+        self._encounters: Encounters = NoEncounters()
+        if config.robots > 1:
+            draw = Draw(self._settings, self._source, self._streams, self._episodes, self._robots, TICK)
+            trajectories = RobotTrajectories(rows.pose, self._poses)
+            sight = Sight(self._lidar_heights, self._reach, self.ranges)
+            self._encounters = SharedWorlds(config.robots, draw, self._outlines, trajectories, sight, self._hit)
 
     def reset(self) -> None:
         """Begin new episodes in all rows, and observe."""
         self.active[:] = True
-        self._begin(self._all)
+        self._begin(self._all, new_worlds=True)
         self._look(self._all)
         self._observe(None)
 
@@ -181,6 +188,7 @@ class Shard:
         overlaps_batch(
             rows, self._poses, self._outlines, self._scenes, state.layout, self._moving_parts, self._hit, self._moved
         )
+        self._encounters.meet(rows)
         judge(rows, self._poses, self._hit, GOAL_TOLERANCE, self._episodes, self._ends)
         out.turn_rate[rows] = np.abs(self._twist[rows, 2])
         self._look(rows)
@@ -188,6 +196,7 @@ class Shard:
         over = rows[(out.collided | out.reached | out.timed_out)[rows]]
         if self._once:
             self.active[over] = False
+            self._encounters.park(over)
         elif len(over):
             clearance, out.final_observation[over] = out.clearance[over], out.observation[over]
             self.restart(over)
@@ -212,12 +221,13 @@ class Shard:
         """Advance the movers by a decision's ticks, or with 0 make their first choice. They do not see the robots."""
         walk_batch(rows, TICK, ticks, _TURN, self.rows.layout, self._ways, self._movers, self._parts)
 
-    def _begin(self, rows: np.ndarray) -> None:
-        """Draw new episodes."""
+    def _begin(self, rows: np.ndarray, *, new_worlds: bool = False) -> None:
+        """Draw new episodes; those of all rows in new worlds, too."""
         state, bank, bodies = self.rows, self.bank, self.bodies
         draw_episodes(
             rows, TICK, self._settings, self._source, self._streams, self._episodes, self._robots, self._request
         )
+        self._encounters.settle(rows, new_worlds=new_worlds)
         place_batch(rows, self._request, self._population, state.layout, self._ways, self._movers)
         assign_parts(rows, self._movers, bank.part_shapes, bank.part_local, bank.part_count, self._parts, state.parts)
         self.move(rows, 0)
@@ -235,6 +245,7 @@ class Shard:
             rows, state.pose, self._lidar_heights, state.layout, self._standing, self._current_parts, self._beams,
             self._reach, self.ranges,
         )  # fmt: skip
+        self._encounters.see(rows)
         sense(
             rows, self._period, self._flaws, self._streams, self._robots, state.task, self._twist,
             self._observer.outline, self._sensed,

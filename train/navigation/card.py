@@ -7,8 +7,9 @@ from pathlib import Path
 
 import torch
 
-from train.arena.rewards import TERMS, find_rewards
+from train.arena.rewards import TERMS, RewardWeights, find_rewards
 from train.navigation.config import RunConfig
+from train.navigation.networks import NetworkConfig
 from train.navigation.stages import StageConfig
 from vuca_nav.files import write_whole
 
@@ -34,8 +35,18 @@ def write_card(
         return sum(row[key] for row in tail) / len(tail)
 
     observation, network = stage.observation, stage.network
-    rewards = ", ".join(f"{term} {weight:g}" for term, weight in zip(TERMS, find_rewards(stage.rewards)))
+    weights = find_rewards(stage.rewards)
+    names = TERMS if isinstance(weights, RewardWeights) else weights._fields
+    rewards = ", ".join(f"{name} {weight:g}" for name, weight in zip(names, weights))
     sources = ", ".join(source.stem for source in run.sources) or "nothing: random weights"
+    head = ["reached", "collided", "timed out", "reward a decision"]
+    cells = [f"{last(f'episodes/{end}'):.1%}" for end in ("reached", "collided", "timed_out")]
+    cells.append(f"{last('reward/total'):.3f}")
+    if network.architecture == "fused":
+        head.append("entropy of the gate")
+        cells.append(f"{last('gate/entropy'):.2f} of {_most(network.experts):.2f}")
+    table = [f"| {' | '.join(row)} |" for row in (head, cells)]
+    table.insert(1, "|---" * len(head) + "|")
     lines = [
         f"# {stage.name}",
         "",
@@ -48,23 +59,30 @@ def write_card(
         f"- Started from: {sources}",
         f"- Observation: {observation.kind}, {observation.sectors} sectors to {observation.max_range:g} m, "
         f"{observation.size} numbers",
-        f"- Network: {network.experts} x ({network.hidden}, {network.hidden}), gate {network.gate}, critic "
-        f"({network.critic}, {network.critic}), {network.activation}",
+        f"- Network: {_describe(network)}",
         f"- Weights of the rewards: {rewards}",
         f"- PPO: `{json.dumps(asdict(stage.ppo))}`",
         f"- Arena: `{json.dumps(asdict(stage.arena))}`",
         "",
         "At the end of the training, with the noise of exploration, of the episodes that ended:",
         "",
-        "| reached | collided | timed out | reward a decision | entropy of the gate |",
-        "|---|---|---|---|---|",
-        f"| {last('episodes/reached'):.1%} | {last('episodes/collided'):.1%} | {last('episodes/timed_out'):.1%} "
-        f"| {last('reward/total'):.3f} | {last('gate/entropy'):.2f} of {_most(network.experts):.2f} |",
+        *table,
         "",
         "![learning curves](curves.png)",
         "",
     ]
     write_whole(path, "\n".join(lines))
+
+
+def _describe(network: NetworkConfig) -> str:
+    if network.architecture == "convolutional":
+        return (
+            "two convolutions and layers of 256 and 128 (vuca_nav.policy.drl_network), a critic of the same sizes, relu"
+        )
+    return (
+        f"{network.experts} x ({network.hidden}, {network.hidden}), gate {network.gate}, critic "
+        f"({network.critic}, {network.critic}), {network.activation}"
+    )
 
 
 def _most(experts: int) -> float:

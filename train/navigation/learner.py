@@ -7,8 +7,8 @@ import torch
 from train.arena.rewards import find_rewards
 from train.navigation.environment import Environment
 from train.navigation.gate_losses import GateLoss
-from train.navigation.mirror import ACTION_SIGNS, observation_mirror
-from train.navigation.networks import FusedActor, make_critic
+from train.navigation.mirror import observation_mirror
+from train.navigation.networks import Actor, FusedActor, make_actor, make_critic_of
 from train.navigation.rollouts import ArenaRollouts
 from train.navigation.stages import StageConfig
 from train.ppo.learner import Networks, PpoLearner
@@ -16,7 +16,7 @@ from train.ppo.random_streams import StreamPerIteration
 from train.ppo.rollout import Mirror, Rollouts
 from train.ppo.team import Alone
 
-MakeRollouts = Callable[[FusedActor, torch.nn.Module], Rollouts]
+MakeRollouts = Callable[[Actor, torch.nn.Module], Rollouts]
 """Function from actor and critic to the source of their batches."""
 
 
@@ -32,18 +32,20 @@ def make_learner(stage: StageConfig, seed: int, team: Alone, make_rollouts: Make
     Raises:
         BadArgument: If a gate is to be taught that has not four experts.
     """
-    first, size, config = torch.Generator().manual_seed(seed), stage.observation.size, stage.ppo
-    actor = FusedActor(size, stage.network, first)
-    critic = make_critic(size, stage.network, first)
-    loss = GateLoss(actor, stage.network, stage.observation, config)
+    first, config = torch.Generator().manual_seed(seed), stage.ppo
+    actor = make_actor(stage.observation, stage.network, first)
+    critic = make_critic_of(stage.observation, stage.network, first)
     mirrors = {
         "observation": Mirror(*observation_mirror(stage.observation)),
-        "action": Mirror.of(range(len(ACTION_SIGNS)), ACTION_SIGNS),
+        "action": Mirror.of(range(len(actor.action_signs)), actor.action_signs),
     }
+    random, rollouts = StreamPerIteration(seed, team.rank), make_rollouts(actor, critic)
+    if not isinstance(actor, FusedActor):
+        return PpoLearner(Networks(actor, critic, mirrors), rollouts, config, random, team)
+    loss = GateLoss(actor, stage.network, stage.observation, config)
     groups = [] if actor.gate_layers is None else [(list(actor.gate_layers.parameters()), config.gate_rate)]
     networks = Networks(actor, critic, mirrors, actor_reads=("observation", "gate"), groups=groups)
-    random = StreamPerIteration(seed, team.rank)
-    return PpoLearner(networks, make_rollouts(actor, critic), config, random, team, loss)
+    return PpoLearner(networks, rollouts, config, random, team, loss)
 
 
 def make_local_learner(stage: StageConfig, seed: int, team: Alone, environment: Environment) -> PpoLearner:

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from train.arena.arena import Arena
 from train.arena.torchrl_env import ArenaEnv
 from train.navigation.learner import make_learner
-from train.navigation.networks import FusedActor
+from train.navigation.networks import Actor, FusedActor
 from train.navigation.rollouts import batch_report
 from train.navigation.stages import StageConfig
 from train.ppo.learner import PpoLearner
@@ -48,7 +48,8 @@ def ray_learner(stage: StageConfig, seed: int, workers: int) -> Iterator[PpoLear
     rows = config.worlds // workers
     with contextlib.ExitStack() as stack:
 
-        def make_rollouts(actor: FusedActor, critic: nn.Module) -> Rollouts:
+        def make_rollouts(actor: Actor, critic: nn.Module) -> Rollouts:
+            assert isinstance(actor, FusedActor)  # check_run lets no other through
             make_envs = [partial(_make_env, stage, rows)] * workers
             decisions = config.worlds * config.horizon
             rollouts = RayRollouts(

@@ -4,11 +4,11 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from train.arena.rewards import TERMS, RewardWeights, reward_terms
+from train.arena.rewards import TERMS, Rewards, reward_terms
 from train.navigation.config import NavigationPpoConfig
 from train.navigation.environment import Environment
 from train.navigation.gate_losses import entropy
-from train.navigation.networks import ACTION_SIZE, FusedActor
+from train.navigation.networks import Actor, FusedActor
 from train.ppo.estimates import log_prob
 from train.ppo.rollout import Rollout, Rollouts
 from train.ppo.team import Alone
@@ -22,21 +22,21 @@ class ArenaRollouts(Rollouts):
         environment: The rows.
         networks: Actor and critic.
         config: Settings.
-        rewards: Weights of the terms of the reward.
+        rewards: Result of ``find_rewards``.
         seed: Seed of the episodes.
         team: The workers, of which this is one.
     """
 
     def __init__(
-        self, environment: Environment, networks: tuple[FusedActor, nn.Module], config: NavigationPpoConfig,
-        rewards: RewardWeights, seed: int, team: Alone,
+        self, environment: Environment, networks: tuple[Actor, nn.Module], config: NavigationPpoConfig,
+        rewards: Rewards, seed: int, team: Alone,
     ):  # fmt: skip
         self._environment, self._config, self._rewards = environment, config, rewards
         self._actor, self._critic = networks
         self._seed, self._rank = seed, team.rank
-        rows, size = config.worlds // team.size, self._actor.layers[0].weight.shape[2]
+        rows, actor = config.worlds // team.size, self._actor
         self._terms = np.zeros((len(TERMS), rows), np.float32)
-        self._rollout = Rollout.zeros(config.horizon, rows, {"observation": size}, ACTION_SIZE)
+        self._rollout = Rollout.zeros(config.horizon, rows, {"observation": actor.inputs}, len(actor.action_names))
 
     def restart(self, iteration: int) -> None:
         """Begin new episodes, so that a resumed run sees those of an uninterrupted one."""
@@ -52,11 +52,11 @@ class ArenaRollouts(Rollouts):
         for t in range(config.horizon):
             observations[t] = observation
             observation = observations[t]
-            mean = actor.mean(observation, actor.gate(observation))
+            mean = actor.act(observation)
             action = mean + std * torch.randn(mean.shape, generator=generator)
             batch.mean[t], batch.action[t], batch.log_prob[t] = mean, action, log_prob(action, mean, std)
             batch.value[t] = self._critic(observation)
-            step = self._environment.step(action.clamp(-1.0, 1.0).numpy())
+            step = self._environment.step(actor.shares(action).numpy())
             reward_terms(step, self._rewards, self._terms)
             batch.reward[t, :, 0] = torch.from_numpy(self._terms.sum(axis=0)) * config.reward_scale
             terminated = step.collided | step.reached
@@ -75,7 +75,7 @@ class ArenaRollouts(Rollouts):
         return batch, batch_report(ends, terms, actor, observations)
 
 
-def batch_report(ends: FloatArray, terms: FloatArray, actor: FusedActor, observations: Tensor) -> dict[str, float]:
+def batch_report(ends: FloatArray, terms: FloatArray, actor: Actor, observations: Tensor) -> dict[str, float]:
     """Summarise a batch for the log and the plots.
 
     Args:
@@ -85,14 +85,17 @@ def batch_report(ends: FloatArray, terms: FloatArray, actor: FusedActor, observa
         observations: (h, n, size).
     """
     horizon = len(observations)
-    shares = actor.gate(observations[-1])
+    gate = {}
+    if isinstance(actor, FusedActor):
+        shares = actor.gate(observations[-1])
+        gate = {"gate/entropy": float(entropy(shares).mean())}
+        gate |= {f"gate/{k}": float(share) for k, share in enumerate(shares.mean(0))}
     reached, collided, timed_out = (ends / max(ends.sum(), 1.0)).tolist()
     return {
         "episodes/reached": reached, "episodes/collided": collided, "episodes/timed_out": timed_out,
         "episodes/ended": float(ends.sum()),
         "reward/total": float(terms.sum()) / horizon,
         **{f"reward/{name}": float(term) / horizon for name, term in zip(TERMS, terms)},
-        **{f"std/{name}": float(value) for name, value in zip(("v_x", "v_y", "w_z"), actor.std())},
-        "gate/entropy": float(entropy(shares).mean()),
-        **{f"gate/{k}": float(share) for k, share in enumerate(shares.mean(0))},
+        **{f"std/{name}": float(value) for name, value in zip(actor.action_names, actor.std())},
+        **gate,
     }  # fmt: skip

@@ -3,11 +3,12 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from train.arena.config import ArenaConfig
+from train.arena.config import KINDS, ArenaConfig
+from train.arena.rewards import DRL
 from train.navigation.config import NavigationPpoConfig
 from train.navigation.networks import NetworkConfig
 from vuca_nav.checks import check_counts, check_fields, check_not_negative
-from vuca_nav.errors import UnknownName
+from vuca_nav.errors import BadArgument, UnknownName
 from vuca_nav.policy.observation import ObservationConfig
 
 
@@ -37,6 +38,11 @@ class StageConfig:
         right = "the plain name of a file, without a path"
         check_fields(self, right, lambda name: name not in ("", ".", "..") and Path(name).name == name, "name")
         check_counts(self, "steps")
+        if (self.network.architecture == "convolutional") != (self.observation.kind == "frames"):
+            raise BadArgument(
+                f"architecture {self.network.architecture!r} with an observation of kind {self.observation.kind!r}: "
+                "'convolutional' goes with 'frames', and only with it"
+            )
         check_not_negative(self, "copy_noise")
 
 
@@ -49,6 +55,17 @@ _FOUR = NetworkConfig(experts=4, initial_std=0.25)
 _CAREFUL = ArenaConfig(static=0.22, dynamic=0.2, mixed=0.15, square=0.08, corridor=0.35)
 """Arena with more than twice as many corridors, where most collisions are, and fewer of the other kinds but
 ``static``."""
+_FRAMES = ObservationConfig(kind="frames", sectors=90, history=2)
+_NO_OTHERS = dict.fromkeys(KINDS, 0.0)
+_DRL_CIRCLE = ArenaConfig(
+    circle=1.0, **_NO_OTHERS, robots=24, lengths=(8.0, 10.0), time_factor=1.5, time_slack=5.0,
+    layouts=1, pairs=1024,
+)  # fmt: skip
+_DRL_HALL = replace(_DRL_CIRCLE, circle=0.0, hall=1.0, robots=44, lengths=(3.0, 12.0), layouts=8)
+_DRL_FIRST = NavigationPpoConfig(
+    worlds=48, horizon=128, minibatch=512, epochs=2, clip=0.1, entropy=5e-4, first_rate=7e-4, last_rate=1e-4
+)
+_DRL_SECOND = replace(_DRL_FIRST, worlds=44, first_rate=3e-4, last_rate=5e-5, critic_first=4)
 _COPIES = ("go-straight", "obstacle-avoidance", "go-straight", "obstacle-avoidance")
 
 
@@ -98,6 +115,19 @@ _ALL = (
         "for making up its mind.",
         rewards="careful", arena=_CAREFUL, observation=_TRACKED, network=_FOUR,
         ppo=replace(_SECOND, gate_information=0.02, teach_gate=True), steps=20_000_000, sources=("base-plus",) * 4,
+    ),
+    StageConfig(
+        name="drl-circle",
+        about="The first stage of Long et al. as publicly reproduced: 24 robots cross a circle.",
+        rewards=DRL, arena=_DRL_CIRCLE, observation=_FRAMES,
+        network=NetworkConfig(architecture="convolutional", initial_std=0.5), ppo=_DRL_FIRST, steps=1_000_000,
+    ),
+    StageConfig(
+        name="drl",
+        about="The baseline of Long et al. as publicly reproduced, second stage: 44 robots in a hall of mixed ground.",
+        rewards=DRL, arena=_DRL_HALL, observation=_FRAMES,
+        network=NetworkConfig(architecture="convolutional", initial_std=0.25), ppo=_DRL_SECOND, steps=1_000_000,
+        sources=("drl-circle",),
     ),
 )  # fmt: skip
 STAGES = {stage.name: stage for stage in _ALL}

@@ -16,7 +16,7 @@ from train.navigation.card import write_card
 from train.navigation.config import NavigationPpoConfig, RunConfig
 from train.navigation.environment import Environment, MakeEnvironment
 from train.navigation.learner import make_local_learner
-from train.navigation.networks import FusedActor
+from train.navigation.networks import Actor
 from train.navigation.stages import StageConfig
 from train.navigation.weights import export, find_sources, start_from
 from train.ppo.curves import draw_curves
@@ -105,7 +105,7 @@ class NavigationTraining(TrainingLoop[PpoLearner]):
         """Let the experts start as the sources."""
         if self._sources:
             noise = torch.Generator().manual_seed(self.run_config.seed + 1)
-            assert isinstance(learner.actor, FusedActor)
+            assert isinstance(learner.actor, Actor)
             start_from(learner.actor, learner.critic, self._sources, self.stage.copy_noise, noise)
 
     def export(self, learner: PpoLearner, done: int, elapsed: float) -> None:
@@ -118,7 +118,7 @@ class NavigationTraining(TrainingLoop[PpoLearner]):
             "commit": ", ".join(self.directory.commits), "torch": str(torch.__version__),
         }  # fmt: skip
         actor, critic, rate = learner.averaged, learner.critic, float(stage.arena.decision_rate)
-        assert isinstance(actor, FusedActor)
+        assert isinstance(actor, Actor)
         export(self.weights, stage.name, actor, critic, stage.network, stage.observation, rate, notes)
 
     def describe(self, done: int, elapsed: float, rows: list[Report]) -> None:
@@ -157,6 +157,12 @@ def check_run(stage: StageConfig, run: RunConfig) -> None:
     most = (os.cpu_count() or 1) if run.collector == "local" else stage.ppo.worlds
     if not 1 <= run.workers <= most:
         raise BadArgument(f"--workers must be 1 to {most}, got {run.workers}")
+    if run.collector == "ray" and stage.network.architecture != "fused":
+        raise BadArgument(f"--collector ray trains fused networks; {stage.name} is {stage.network.architecture}")
+    if stage.ppo.worlds // max(run.workers, 1) % stage.arena.robots:
+        raise BadArgument(
+            f"{stage.ppo.worlds} rows on {run.workers} workers do not make whole worlds of {stage.arena.robots} robots"
+        )
     if run.collector == "ray" and importlib.util.find_spec("ray") is None:
         raise BadArgument(f"--collector ray needs Ray: {how_to_install('distributed')}")
     even = even_workers(stage.ppo, most)

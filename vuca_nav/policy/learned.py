@@ -4,7 +4,7 @@ import numpy as np
 
 from vuca_nav.perception.percept import Percept
 from vuca_nav.policy.base import LocalGoal, LocalPolicy
-from vuca_nav.policy.network import LEARNED_GATE, Gate, PolicyNetwork
+from vuca_nav.policy.network import LEARNED_GATE, Gate, make_network
 from vuca_nav.policy.observation import PerceptObserver, command_from_action, limits_of
 from vuca_nav.policy.weights_file import ACTION_SIZE, PolicyWeights
 from vuca_nav.telemetry.interface import Telemetry
@@ -36,7 +36,7 @@ class LearnedPolicy(LocalPolicy):
         gate: Gate = LEARNED_GATE,
         telemetry: Telemetry = Telemetry(),
     ):
-        self.network = PolicyNetwork(weights, gate)
+        self.network = make_network(weights, gate)
         self.telemetry = telemetry
         self._observer = PerceptObserver(weights.observation, body, lidar)
         self._limits = limits_of(body)

@@ -1,13 +1,14 @@
-"""Gate and experts of a local policy (Zhang et al., Section III-B), evaluated without torch."""
+"""Gate and experts of a local policy (Zhang et al., Section III-B), evaluated without torch; and that of Long et al."""
 
 import math
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numba import njit
 
 from vuca_nav.errors import BadArgument
+from vuca_nav.policy.drl_network import ConvolutionalLayers, act_by_convolutions, arrange
 from vuca_nav.policy.weights_file import PolicyWeights, Single
 from vuca_nav.types import FloatArray
 
@@ -51,9 +52,74 @@ class Actor(NamedTuple):
     """(E,) shares of the last action; written to."""
 
 
+class Network(Protocol):
+    """The actor of one weights file."""
+
+    weights: PolicyWeights
+    gate: Gate
+    shares: FloatArray
+    """(E,) the experts' shares of the last action; they add up to 1."""
+
+    def act(self, observation: Single, action: FloatArray) -> bool:
+        """Compute the mean action for an observation.
+
+        Args:
+            observation: (x,) numbers.
+            action: (3,) in [-1, 1], written to; left alone if any number is not finite.
+
+        Returns:
+            Whether observation and action are finite.
+        """
+        ...
+
+
+def make_network(weights: PolicyWeights, gate: Gate = LEARNED_GATE) -> Network:
+    """Make the actor of a weights file.
+
+    Raises:
+        BadArgument: If there is no such expert to leave out.
+    """
+    if weights.convolutions:
+        _check_expert(weights, gate)
+        return ConvolutionalNetwork(weights, gate)
+    return PolicyNetwork(weights, gate)
+
+
+def _check_expert(weights: PolicyWeights, gate: Gate) -> None:
+    """Raise BadArgument if there is no such expert to leave out."""
+    experts = weights.experts
+    if gate.without is not None and not (1 <= gate.without <= experts and experts > 1):
+        raise BadArgument(
+            f"cannot leave out expert {gate.without}: {weights.path.name} has {experts}, "
+            + (f"numbered 1 to {experts}" if experts > 1 else "which it needs")
+        )
+
+
+@dataclass(slots=True)
+class ConvolutionalNetwork:
+    """The actor of Long et al."""
+
+    weights: PolicyWeights
+    gate: Gate = LEARNED_GATE
+    shares: FloatArray = field(init=False)
+    """(1,) the share of the only network."""
+    _layers: ConvolutionalLayers = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Arrange the weights for the kernel."""
+        w = self.weights
+        layers = [(weight[0], bias[0]) for weight, bias in zip(w.weights, w.biases)]
+        self.shares = np.ones(1)
+        self._layers = arrange((w.mean, w.scale), w.observation.sectors, list(w.convolutions), layers)
+
+    def act(self, observation: Single, action: FloatArray) -> bool:
+        """Compute the mean action for an observation, as ``Network`` says: forward speed and turn rate."""
+        return act_by_convolutions(observation, action, self._layers)
+
+
 @dataclass(slots=True)
 class PolicyNetwork:
-    """The actor of one weights file.
+    """The fused actor of one weights file.
 
     Fused layers are ``W = sum_n a_n W_n`` and biases likewise (Section III-B). ``sum_n a_n (W_n x + b_n)`` is the
     same and touches every weight once, where fusing first would write a matrix and read it again.
@@ -72,11 +138,7 @@ class PolicyNetwork:
             BadArgument: If there is no such expert to leave out.
         """
         w, experts = self.weights, self.weights.experts
-        if self.gate.without is not None and not (1 <= self.gate.without <= experts and experts > 1):
-            raise BadArgument(
-                f"cannot leave out expert {self.gate.without}: {w.path.name} has {experts}, "
-                + (f"numbered 1 to {experts}" if experts > 1 else "which it needs")
-            )
+        _check_expert(w, self.gate)
         self.shares = np.full(experts, 1.0 / experts)
         kept = np.ones(experts, np.bool_)
         if self.gate.without is not None:

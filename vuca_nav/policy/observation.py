@@ -19,6 +19,7 @@ from vuca_nav.errors import BadArgument
 from vuca_nav.footprint import outline_ranges
 from vuca_nav.perception.percept import Percept
 from vuca_nav.perception.tracks import Tracker
+from vuca_nav.policy import frames
 from vuca_nav.policy.track_features import (
     DIRECTIONS,
     RADIUS_SCALE,
@@ -32,7 +33,7 @@ from vuca_nav.policy.track_features import (
 )
 from vuca_nav.types import BodySpec, FloatArray, LidarSpec, VelocityCommand
 
-Kind = Literal["paper", "tracked"]
+Kind = Literal["paper", "tracked", "frames"]
 GOAL_SIZE, TWIST_SIZE, BODY_SIZE = 3, 3, 6
 HALF_DISTANCE = 3.0
 """Distance of the goal that reads 0, halfway between here (-1) and infinitely far (+1) [m]."""
@@ -52,8 +53,9 @@ class ObservationConfig:
     """Parts of an observation. Weights belong to one configuration and carry it along."""
 
     sectors: int = 60
-    """Number of sectors that the scan is pooled to (least range); it divides the number of beams. Sector k begins at
-    ``-pi + k * 2 pi / sectors``; k and ``sectors - 1 - k`` are mirror images."""
+    """Number of sectors that the scan, for ``frames`` the half of it ahead, is pooled to (least range); it divides the
+    number of beams. Sector k begins at ``-pi + k * 2 pi / sectors``, for ``frames`` at ``-pi / 2 + k * pi / sectors``;
+    k and ``sectors - 1 - k`` are mirror images."""
     max_range: float = 6.0
     """Greatest range beyond the footprint [m]; farther returns, and beams without one, read as this."""
     history: int = 3
@@ -63,7 +65,8 @@ class ObservationConfig:
     kind: Kind = "paper"
     """``paper``: exactly Section III-B. ``tracked``: in place of O_m the tracks, and the body's limits
     and size; O_L, the urgency of meeting a track in each direction (``vuca_nav.policy.track_features``), O_g, O_v,
-    body, the urgency for standing still, the most threatening tracks."""
+    body, the urgency for standing still, the most threatening tracks. ``frames``: the past scans ahead and the present
+    one, goal and speed (``vuca_nav.policy.frames``)."""
 
     def __post_init__(self) -> None:
         """Raise BadArgument for a setting out of its range."""
@@ -76,11 +79,13 @@ class ObservationConfig:
     @property
     def lags(self) -> tuple[int, ...]:
         """Ages of the past scans that are looked at, in spacings."""
-        return tuple(range(1, self.history + 1)) if self.kind == "paper" else ()
+        return () if self.kind == "tracked" else tuple(range(1, self.history + 1))
 
     @property
     def blocks(self) -> tuple[int, ...]:
-        """Sizes of the blocks before O_g, each a ring around the body that is its own mirror image reversed."""
+        """Sizes of the blocks before O_g, each a row of directions that is its own mirror image reversed."""
+        if self.kind == "frames":
+            return (self.sectors,) * (self.history + 1)
         if self.kind == "paper":
             return (self.sectors,) * 2
         return (self.sectors, *(DIRECTIONS,) * len(SPEEDS))
@@ -89,11 +94,13 @@ class ObservationConfig:
     def goal_slice(self) -> slice:
         """Indices of O_g."""
         start = sum(self.blocks)
-        return slice(start, start + GOAL_SIZE)
+        return slice(start, start + (frames.GOAL_SIZE if self.kind == "frames" else GOAL_SIZE))
 
     @property
     def size(self) -> int:
         """Number of values in an observation."""
+        if self.kind == "frames":
+            return self.goal_slice.stop + frames.SPEED_SIZE
         size = self.goal_slice.stop + TWIST_SIZE
         return size if self.kind == "paper" else size + BODY_SIZE + SHOWN_SIZE
 
@@ -109,6 +116,9 @@ class ObservationConfig:
         for block in self.blocks:
             order[at : at + block] = order[at : at + block][::-1].copy()
             at += block
+        if self.kind == "frames":
+            signs[[at + 1, at + 3]] = -1.0  # the goal's y, w_z
+            return order, signs
         signs[at + 2] = -1.0  # sine of the goal's bearing
         signs[at + GOAL_SIZE + 1 : at + GOAL_SIZE + 3] = -1.0  # v_y, w_z
         if self.kind == "tracked":
@@ -233,7 +243,12 @@ class Observer:
         if first_of is None:
             self._slot = (self._slot + 1) % ring.scans.shape[1]
         rows = next((rows for rows in (first_of, only) if rows is not None), self._every)
-        _observe_rows(rows, ranges, goals_in_base, twists, bodies, ring, self._slot, self._layout, out)
+        if config.kind == "frames":
+            frames.write_frames_of_rows(
+                rows, ranges, goals_in_base, twists, bodies, ring, self._slot, config.max_range, out
+            )
+        else:
+            _observe_rows(rows, ranges, goals_in_base, twists, bodies, ring, self._slot, self._layout, out)
         if self._tracker is not None:
             goal = config.goal_slice
             self._tracker.update(rows, ranges, motions, bodies.reaches, ring.fresh)
@@ -280,6 +295,12 @@ class PerceptObserver:
                 f"the {depth} that takes: give it a greater memory"
             )
         past = percept.history.past(self._lags)
+        if self.config.kind == "frames":
+            frames.write_frames(
+                percept.scan.ranges, past, goal_in_base, percept.twist, self._body, self.config.max_range,
+                self._observation,
+            )  # fmt: skip
+            return self._observation
         _observe_percept(
             percept.scan.ranges, past, percept.tracks, goal_in_base, percept.twist, self._body, self._layout,
             self._workspace, self._observation,
@@ -289,6 +310,11 @@ class PerceptObserver:
 
 def _lags_in_ticks(config: ObservationConfig, num_beams: int, rate: float) -> NDArray[np.int64]:
     """Ages of O_m's scans in ticks; raises BadArgument under the conditions of ``Observer``."""
+    if config.kind == "frames" and (num_beams % (2 * config.sectors) or num_beams % 4):
+        raise BadArgument(
+            f"{config.sectors} sectors ahead do not divide half of the {num_beams} beams of the lidar evenly, or a "
+            "quarter of them is no whole number"
+        )
     if num_beams % config.sectors:
         raise BadArgument(f"{config.sectors} sectors do not divide the {num_beams} beams of the lidar evenly")
     stride = round(config.spacing * rate)

@@ -1,4 +1,7 @@
-"""The local policy as it is shipped: gate, experts and critic in one safetensors file, read and checked."""
+"""The local policy as it is shipped: gate, experts and critic in one safetensors file, read and checked.
+
+An observation of kind ``frames`` goes with the network of Long et al., any other with the fused one.
+"""
 
 import json
 from dataclasses import dataclass, fields
@@ -8,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vuca_nav.errors import BadArgument, BadWeights
+from vuca_nav.policy.drl_network import CONVOLUTIONS, OUTPUTS, convolved_size, network_shapes
 from vuca_nav.policy.observation import ObservationConfig
 from vuca_nav.safetensors_file import checked_all, present, read_weights
 
@@ -43,6 +47,9 @@ class PolicyWeights:
     critic_weights: tuple[Single, ...]
     """Three matrices (outputs, inputs)."""
     critic_biases: tuple[Single, ...]
+    convolutions: tuple[tuple[Single, Single], ...] = ()
+    """Weight (channels, inputs, width) and bias of each convolution before the first layer; none for fused networks."""
+    critic_convolutions: tuple[tuple[Single, Single], ...] = ()
 
     @property
     def experts(self) -> int:
@@ -66,6 +73,8 @@ def load_weights(path: Path) -> PolicyWeights:
     if activation not in ACTIVATIONS:
         raise BadWeights(f"{path}: activation is {activation!r}, expected one of {', '.join(ACTIVATIONS)}")
     observation = observation_config(path, metadata)
+    if observation.kind == "frames":
+        return _convolutional(path, observation, activation, tensors, metadata)
     x = observation.size
     first = present(path, tensors, "weight_0")
     if first.ndim != 3 or 0 in first.shape:
@@ -97,6 +106,33 @@ def load_weights(path: Path) -> PolicyWeights:
         critic_weights=layers("critic_weight", LAYERS),
         critic_biases=layers("critic_bias", LAYERS),
     )
+
+
+def _convolutional(
+    path: Path, observation: ObservationConfig, activation: str, tensors: dict[str, np.ndarray],
+    metadata: dict[str, str],
+) -> PolicyWeights:  # fmt: skip
+    """Check the tensors of a network that convolves frames; raises as ``load_weights``."""
+    x, frames, sectors = observation.size, observation.history + 1, observation.sectors
+    if convolved_size(sectors) < 1:
+        raise BadWeights(f"{path}: {sectors} sectors are too few for two convolutions")
+    if activation != "relu":
+        raise BadWeights(f"{path}: activation is {activation!r}, expected 'relu' with an observation of kind 'frames'")
+    shapes: dict[str, tuple[int, ...]] = {"mean": (x,), "scale": (x,)}
+    shapes |= network_shapes(frames, sectors, OUTPUTS, (1,))
+    shapes |= {f"critic_{name}": shape for name, shape in network_shapes(frames, sectors, 1).items()}
+    good = checked_all(path, tensors, shapes)
+
+    def pairs(prefix: str) -> tuple[tuple[Single, Single], ...]:
+        return tuple((good[f"{prefix}weight_{k}"], good[f"{prefix}bias_{k}"]) for k in range(len(CONVOLUTIONS)))
+
+    def layers(name: str) -> tuple[Single, ...]:
+        return tuple(good[f"{name}_{k}"] for k in range(LAYERS))
+
+    return PolicyWeights(
+        path, observation, activation, metadata, good["mean"], good["scale"], layers("weight"), layers("bias"), (), (),
+        layers("critic_weight"), layers("critic_bias"), pairs("conv_"), pairs("critic_conv_"),
+    )  # fmt: skip
 
 
 def observation_config(path: Path, metadata: dict[str, str]) -> ObservationConfig:
