@@ -77,6 +77,8 @@ class MethodConfig:
     tracks: Literal["all", "map"] = "all"
     """What may use the percept's tracks: all stages, or map and costmap alone. Where it is the map alone, weights that
     take tracks, a critic that takes them, and a shield are refused."""
+    direct: bool = False
+    """Whether the controller heads for the goal itself, without exploration and without a path."""
     perception: PerceptionConfig = field(default_factory=PerceptionConfig)
     """Settings of perception, for all stages alike."""
 
@@ -144,6 +146,10 @@ METHODS: dict[str, Method] = {
         "the fused policy beyond the paper, which sees tracks of what moves, D^h", _network("fusion-plus", gate=Gate())
     ),
     "single-plus": Method("one network that sees what fusion-plus sees, D^h", _network("single-plus")),
+    "drl": Method(
+        "Long et al. as publicly reproduced, the paper's baseline2: heads for the goal itself, without map or path",
+        _network("drl", direct=True),
+    ),
 }
 BEST = "ours-dh"
 """The method that runs where none is named. In the demo's mission (factory region 1, seed 8) `ours` circles four times
@@ -334,6 +340,7 @@ def build(
     )
     config = NavigatorConfig(
         exploration_rate=chooses.rate,
+        direct=method.direct,
         perception=replace(method.perception, memory=memory),
         slam=SlamConfig(localisation=localisation),
         explorer=explorer,

@@ -15,7 +15,7 @@ from vuca_nav.mapping.slam import Slam, SlamConfig, SlamEstimate
 from vuca_nav.perception.percept import Percept
 from vuca_nav.perception.perception import Perception, PerceptionConfig
 from vuca_nav.planning.costmap import CostmapConfig
-from vuca_nav.planning.planner import Planner, no_plan
+from vuca_nav.planning.planner import Planner, no_plan, straight_plan
 from vuca_nav.planning.survey import Survey
 from vuca_nav.policy.base import LocalGoal, LocalPolicy
 from vuca_nav.telemetry.interface import Telemetry
@@ -44,6 +44,8 @@ class NavigatorConfig:
     """Time after which a target is given up if the robot has not moved ``stuck_distance`` [s]."""
     stuck_distance: float = 0.5
     """[m]"""
+    direct: bool = False
+    """Whether the local policy heads for the goal itself: nothing is explored, and no path is planned."""
     perception: PerceptionConfig = field(default_factory=PerceptionConfig)
     slam: SlamConfig = field(default_factory=SlamConfig)
     explorer: ExplorerConfig = field(default_factory=ExplorerConfig)
@@ -141,6 +143,10 @@ class Navigator:
         self.map_from_base = estimate.map_from_base
         self.telemetry.estimated_pose(estimate.map_from_base, compose(self.start, odometry.odom_from_base))
         self.telemetry.scan(scan, estimate.points_in_map)
+        if self.config.direct:
+            self.plan = straight_plan(estimate.map_from_base, self.goal)
+            self._show_plan(estimate)
+            return self._act(percept, estimate)
         cause = self._cause_to_explore(percept, estimate)
         if cause is not None or self._is_planning_due(estimate.map_from_base):
             survey = self._survey(percept, estimate)
@@ -148,6 +154,18 @@ class Navigator:
             self.plan = self.planner.update(exploration.target, exploration.paths, self.plan)
             self.telemetry.grid(estimate.navigation_grid)
             self.telemetry.entropy(estimate.navigation_grid.entropy)
+        return self._act(percept, estimate)
+
+    def _show_plan(self, estimate: SlamEstimate) -> None:
+        """Report plan and map at the planning rate, where no planner does."""
+        if self._tick % self._planning_ticks == 0:
+            self.telemetry.path(self.plan.path_in_map)
+            self.telemetry.waypoint(self.plan.waypoint_in_map)
+            self.telemetry.grid(estimate.navigation_grid)
+            self.telemetry.entropy(estimate.navigation_grid.entropy)
+
+    def _act(self, percept: Percept, estimate: SlamEstimate) -> VelocityCommand:
+        """Ask the lower layer, and end the tick."""
         command = self.policy.command(percept, self._local_goal(percept, estimate.map_from_base))
         self.telemetry.command(command)
         self._tick += 1

@@ -63,7 +63,7 @@ _DRL_CIRCLE = ArenaConfig(
 )  # fmt: skip
 _DRL_HALL = replace(_DRL_CIRCLE, circle=0.0, hall=1.0, robots=44, lengths=(3.0, 12.0), layouts=8)
 _DRL_FIRST = NavigationPpoConfig(
-    worlds=48, horizon=128, minibatch=512, epochs=2, clip=0.1, entropy=5e-4, first_rate=7e-4, last_rate=1e-4
+    worlds=24, horizon=128, minibatch=256, epochs=2, clip=0.1, entropy=5e-4, first_rate=5e-4, last_rate=1e-4
 )
 _DRL_SECOND = replace(_DRL_FIRST, worlds=44, first_rate=3e-4, last_rate=5e-5, critic_first=4)
 _COPIES = ("go-straight", "obstacle-avoidance", "go-straight", "obstacle-avoidance")
@@ -120,13 +120,13 @@ _ALL = (
         name="drl-circle",
         about="The first stage of Long et al. as publicly reproduced: 24 robots cross a circle.",
         rewards=DRL, arena=_DRL_CIRCLE, observation=_FRAMES,
-        network=NetworkConfig(architecture="convolutional", initial_std=0.5), ppo=_DRL_FIRST, steps=1_000_000,
+        network=NetworkConfig(architecture="convolutional", initial_std=0.5), ppo=_DRL_FIRST, steps=500_000,
     ),
     StageConfig(
         name="drl",
         about="The baseline of Long et al. as publicly reproduced, second stage: 44 robots in a hall of mixed ground.",
         rewards=DRL, arena=_DRL_HALL, observation=_FRAMES,
-        network=NetworkConfig(architecture="convolutional", initial_std=0.25), ppo=_DRL_SECOND, steps=1_000_000,
+        network=NetworkConfig(architecture="convolutional", initial_std=0.25), ppo=_DRL_SECOND, steps=500_000,
         sources=("drl-circle",),
     ),
 )  # fmt: skip

@@ -36,6 +36,16 @@ def no_plan(start: Pose2) -> Plan:
     return Plan(np.empty((0, 2)), (start.x, start.y))
 
 
+def straight_plan(map_from_base: Pose2, goal: tuple[float, float]) -> Plan:
+    """The plan of a robot that heads for its goal, whatever is on the way.
+
+    Args:
+        map_from_base: Pose of the robot.
+        goal: The goal in the map [m].
+    """
+    return Plan(np.array([map_from_base[:2], goal]), goal, is_final=True)
+
+
 class Planner:
     """Plans paths.
 
