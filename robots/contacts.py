@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from numba import njit
+
+from vuca_nav.kernel_cache import njit
 
 from vuca_nav.types import FloatArray
 

@@ -3,10 +3,10 @@
 import math
 
 import numpy as np
-from numba import njit
 
 from robots.noise import NoiseConfig
 from vuca_nav.geometry import wrap_angle
+from vuca_nav.kernel_cache import njit
 from vuca_nav.types import FloatArray, LidarSpec, Odometry, Pose2, Twist2
 
 _BLOCK = 64

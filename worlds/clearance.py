@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from scipy import ndimage
 
+from vuca_nav.kernel_cache import njit
 from vuca_nav.types import FloatArray
 from worlds.arrays import ShapeArrays, pack_shapes
 from worlds.world import Obstacle

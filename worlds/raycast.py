@@ -12,8 +12,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from vuca_nav.kernel_cache import njit
 from vuca_nav.types import FloatArray, LidarSpec
 from worlds.arrays import ShapeArrays
 

@@ -4,9 +4,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from vuca_nav.errors import BadWorld
+from vuca_nav.kernel_cache import njit
 from vuca_nav.types import FloatArray
 from worlds.motion.movers import TICK_RATE, MoverField
 from worlds.shortest_path import occupancy

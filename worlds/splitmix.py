@@ -5,7 +5,8 @@ else is drawn and on however many threads.
 """
 
 import numpy as np
-from numba import njit
+
+from vuca_nav.kernel_cache import njit
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _FIRST, _SECOND = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)

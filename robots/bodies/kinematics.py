@@ -2,8 +2,7 @@
 
 import math
 
-from numba import njit
-
+from vuca_nav.kernel_cache import njit
 from vuca_nav.types import FloatArray
 
 STEEPEST = 0.1

@@ -8,9 +8,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from robots.locomotion.legs import foot_jacobian, foot_position, leg_angles
+from vuca_nav.kernel_cache import njit
 
 OBSERVATION_SIZE = 49
 """Size of the observation: gyro 3, up 3, command 3, joint angles 12, joint speeds 12, last action 12, clock 2,

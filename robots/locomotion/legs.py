@@ -10,10 +10,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from robots.bodies.urdf import BadUrdf, Joint, Urdf
 from robots.locomotion.config import QuadrupedConfig
+from vuca_nav.kernel_cache import njit
 from vuca_nav.types import FloatArray
 
 

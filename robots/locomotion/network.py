@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from robots.locomotion.config import QuadrupedConfig
@@ -22,6 +21,7 @@ from robots.locomotion.kernels import (
 )
 from robots.locomotion.odometry import VELOCITY_GAIN
 from vuca_nav.errors import BadWeights, VucaError
+from vuca_nav.kernel_cache import njit
 from vuca_nav.safetensors_file import checked, present, read_weights
 
 FORMAT = "vuca-gait-1"

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numba import njit
 from scipy.optimize import least_squares
 from tqdm import tqdm
 
@@ -26,6 +25,7 @@ from vuca_nav.cli import run_module
 from vuca_nav.errors import BadArgument, VucaError
 from vuca_nav.files import prepare_directory, write_whole
 from vuca_nav.geometry import between
+from vuca_nav.kernel_cache import njit
 from vuca_nav.types import FloatArray, Pose2, VelocityCommand
 from worlds.world import World
 

@@ -8,12 +8,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from train.arena.arena import Arena
 from train.arena.bodies import LIDAR_HEIGHT
 from vuca_nav.footprint import outline_ranges
+from vuca_nav.kernel_cache import njit
 from vuca_nav.policy.track_features import time_to_meeting
 from vuca_nav.task import NEAR_RANGE
 from vuca_nav.types import FloatArray, LidarSpec

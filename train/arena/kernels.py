@@ -7,7 +7,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from train.arena.bodies import ACCELERATION as BODY_ACCELERATION
 from train.arena.bodies import HIGHEST, RADIUS
@@ -26,6 +25,7 @@ from train.arena.rows import (
     START_Y,
     TURN_ODOMETRY,
 )
+from vuca_nav.kernel_cache import njit
 from worlds.splitmix import next_uniform
 
 _NUM_UNIFORM = 21

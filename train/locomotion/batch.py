@@ -4,10 +4,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from robots.locomotion.kernels import ACTION_SIZE, joint_targets
 from robots.noise import NoiseConfig
+from vuca_nav.kernel_cache import njit
 
 NUM_ERRORS = 20
 """Number of the sensors' errors over an episode."""

@@ -4,7 +4,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from robots.locomotion.kernels import (
     ACTION_SIZE,
@@ -29,6 +28,7 @@ from train.locomotion.rewards import (
     YAW_FINE_WIDTH,
     YAW_WIDTH,
 )
+from vuca_nav.kernel_cache import njit
 
 CRITIC_SIZE = OBSERVATION_SIZE + 11
 """Size of the critic's input: observation, then velocity 3, height, contacts 4, slow tracking error 3."""

@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from vuca_nav.kernel_cache import njit
 from vuca_nav.planning.costmap import Costmap
 from vuca_nav.planning.paths import UNREACHED, PathField
 from vuca_nav.types import FloatArray

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from vuca_nav.geometry import wrap_angle
+from vuca_nav.kernel_cache import njit
 from vuca_nav.mapping.surfaces import SurfaceGrid
 from vuca_nav.types import FloatArray, Pose2
 

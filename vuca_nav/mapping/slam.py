@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from vuca_nav.geometry import compose, inverse, wrap_angle
+from vuca_nav.kernel_cache import njit
 from vuca_nav.mapping.grid import GridConfig, OccupancyGrid
 from vuca_nav.mapping.scan_matching import ScanMatcher, ScanMatcherConfig
 from vuca_nav.mapping.surfaces import SurfaceGrid

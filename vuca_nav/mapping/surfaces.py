@@ -7,9 +7,9 @@ give the line through it (as in the normal distributions transform, Biber and St
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from vuca_nav.kernel_cache import njit
 from vuca_nav.mapping.grid import GridConfig, OccupancyGrid
 from vuca_nav.types import FloatArray, Pose2
 

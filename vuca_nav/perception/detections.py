@@ -2,7 +2,7 @@
 
 import math
 
-from numba import njit
+from vuca_nav.kernel_cache import njit
 
 MAX_WIDTH = 1.2
 """Width of a detection: the widest moving obstacle is 0.9 m, and a wall's piece is wider [m]."""

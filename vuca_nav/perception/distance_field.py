@@ -4,8 +4,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from vuca_nav.kernel_cache import njit
 
 _FAR = 32000
 """Distance where no return is near, in fifths of a cell."""

@@ -9,9 +9,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from vuca_nav.kernel_cache import njit
 from vuca_nav.perception.detections import BEHIND, DETECTION_SIZE, LEG_RADIUS, WHOLE, find_detections
 from vuca_nav.types import FloatArray
 

@@ -4,9 +4,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from vuca_nav.kernel_cache import njit
 from vuca_nav.mapping.grid import OccupancyGrid
 from vuca_nav.types import FloatArray
 

@@ -1,9 +1,9 @@
 """Shortest paths from the robot to everywhere: one Dijkstra field answers the explorer and the planner."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from vuca_nav.kernel_cache import njit
 from vuca_nav.planning.costmap import Costmap
 from vuca_nav.types import FloatArray
 

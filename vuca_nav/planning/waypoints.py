@@ -5,8 +5,7 @@ Source: Zhang et al., Section III-C.
 
 import math
 
-from numba import njit
-
+from vuca_nav.kernel_cache import njit
 from vuca_nav.planning.costmap import Costmap
 from vuca_nav.types import FloatArray
 

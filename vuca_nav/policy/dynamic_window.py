@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from vuca_nav.footprint import cover_by_discs
 from vuca_nav.geometry import compose
+from vuca_nav.kernel_cache import njit
 from vuca_nav.perception.distance_field import DistanceField, clearance_at
 from vuca_nav.perception.percept import Percept
 from vuca_nav.policy.base import LocalGoal, LocalPolicy

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from vuca_nav.checks import check_fields, check_positive
 from vuca_nav.errors import BadArgument
 from vuca_nav.footprint import outline_ranges
+from vuca_nav.kernel_cache import njit
 from vuca_nav.perception.percept import Percept
 from vuca_nav.perception.tracks import Tracker
 from vuca_nav.policy import frames

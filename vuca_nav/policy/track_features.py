@@ -7,8 +7,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from vuca_nav.kernel_cache import njit
 from vuca_nav.perception.tracks import CERTAINTY, MAX_TRACKS, RADIUS, TRACK_SIZE, V_X, V_Y, X, Y, tracks_in_base
 from vuca_nav.types import FloatArray
 

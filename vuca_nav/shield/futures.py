@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from vuca_nav.kernel_cache import njit
 from vuca_nav.perception.distance_field import DistanceField
 from vuca_nav.perception.tracks import RADIUS, V_X, V_Y, X, Y
 from vuca_nav.types import FloatArray

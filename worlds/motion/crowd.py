@@ -7,8 +7,7 @@ stuck for ever: a push is turned a little to the right, and a pedestrian without
 
 import math
 
-from numba import njit
-
+from vuca_nav.kernel_cache import njit
 from worlds.motion.mover_columns import (
     DIRECTION,
     FIRST_WAYPOINT,

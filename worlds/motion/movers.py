@@ -8,8 +8,8 @@ step of 1/10 s. Only the motion of movers that see the robot also depends on its
 import math
 
 import numpy as np
-from numba import njit
 
+from vuca_nav.kernel_cache import njit
 from vuca_nav.types import FloatArray
 from worlds.arrays import ShapeArrays, pack_shapes
 from worlds.clearance import clearance_field, distance_to_wide_ways

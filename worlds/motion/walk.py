@@ -4,8 +4,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from vuca_nav.kernel_cache import njit
 from worlds.motion.mover_columns import (
     DIRECTION,
     FIRST_WAYPOINT,
