@@ -13,6 +13,7 @@ from eval.failure import Failure, Trail, classify_failure, is_out_of_reach
 from eval.methods import BEST, UNCHANGED, MethodOptions, build, resolve
 from eval.metrics import Metrics, MetricsRecorder
 from eval.prior_map import rasterise
+from robots.bodies.body import Body
 from robots.noise import NoiseConfig
 from robots.registry import make_body
 from robots.simulation import Simulation
@@ -137,8 +138,8 @@ class Episode:
         self.config = config
         self.method = resolve(config.method, config.options)
         self.body = make_body(config.robot)
-        self.world = _make_task(config, self.body.spec.radius)
-        self.shortest_path = check_task(self.world, self.body.spec.radius)
+        self.world = _make_task(config, self.body)
+        self.shortest_path = check_task(self.world, self.body.spec.radius, height=self.body.height)
         self.timeout = time_limit(self.shortest_path, self.body.spec.max_v_x)
         self._set_up_time = time.perf_counter() - began
 
@@ -161,7 +162,7 @@ class Episode:
         """Both sides ready for the first step, and the robot's first readings."""
         simulation, navigator = self.build(telemetry)
         scan, odometry = simulation.reset()
-        prior_map = rasterise(self.world) if "U" in self.config.without else None
+        prior_map = rasterise(self.world, self.body.height) if "U" in self.config.without else None
         navigator.reset(self.world.start, self.world.goal, prior_map)
         return simulation, navigator, scan, odometry
 
@@ -259,7 +260,7 @@ def run_episode(config: EpisodeConfig, telemetry: Telemetry | None = None) -> Ep
     return Episode(config).run(telemetry)
 
 
-def _make_task(config: EpisodeConfig, radius: float) -> World:
+def _make_task(config: EpisodeConfig, body: Body) -> World:
     """The world with the start and the goal that are asked for."""
     world = make_world(
         config.world,
@@ -269,7 +270,8 @@ def _make_task(config: EpisodeConfig, radius: float) -> World:
         speed=config.speed,
         sighted=config.sighted,
         without=config.without,
-        footprint_radius=radius,
+        footprint_radius=body.spec.radius,
+        height=body.height,
     )
     if config.start is not None:
         world = replace(world, start=Pose2(*config.start))

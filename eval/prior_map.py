@@ -4,20 +4,21 @@ import numpy as np
 
 from vuca_nav.mapping.grid import GridConfig, OccupancyGrid
 from worlds.clearance import clearance_field
-from worlds.world import World
+from worlds.world import TALLEST, World
 
 
-def rasterise(world: World) -> OccupancyGrid:
+def rasterise(world: World, height: float = TALLEST) -> OccupancyGrid:
     """Occupied cells wherever an obstacle stands within half a cell of the centre, free cells elsewhere.
 
     The map's frame is the world's, since the stack is given its true start. Outside the bounds all is unknown.
 
     Args:
         world: Its moving obstacles are left out.
+        height: Height of the robot [m]; what hangs above it is left out, too.
     """
     x_min, y_min, x_max, y_max = world.bounds
     grid = OccupancyGrid(GridConfig(), (0.5 * (x_min + x_max), 0.5 * (y_min + y_max)))
-    clearance = clearance_field(world.obstacles, world.bounds, grid.resolution, cap=grid.resolution)
+    clearance = clearance_field(world.below(height), world.bounds, grid.resolution, cap=grid.resolution)
     occupied = clearance.distance <= 0.5 * grid.resolution
     grid.fill(np.where(occupied, 1, -1).astype(np.int8), clearance.origin)
     return grid

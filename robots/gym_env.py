@@ -117,8 +117,14 @@ class NavigationEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._commands: list[VelocityCommand] = []
 
     def _make_world(self, seed: int) -> World:
-        radius = self._body.spec.radius
-        return make_world(self._name, seed, region=self._region, movers=self._movers, footprint_radius=radius)
+        return make_world(
+            self._name,
+            seed,
+            region=self._region,
+            movers=self._movers,
+            footprint_radius=self._body.spec.radius,
+            height=self._body.height,
+        )
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -132,7 +138,7 @@ class NavigationEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         super().reset(seed=seed)
         chosen = int(self.np_random.integers(2**31)) if seed is None else seed
         world = self._make_world(chosen)
-        shortest = check_task(world, self._body.spec.radius)
+        shortest = check_task(world, self._body.spec.radius, height=self._body.height)
         self._world, self._seed, self._commands, self._terminated = world, chosen, [], False
         self._limit = time_limit(shortest, self._body.spec.max_v_x)
         self._distance = distance(world.start, world.goal)

@@ -4,12 +4,14 @@ import math
 from collections.abc import Sequence
 from itertools import pairwise
 
+import numpy as np
+
 from vuca_nav.errors import BadWorld
 from worlds.arrays import pack_shapes
 from worlds.clearance import ClearanceField, clearance_at, clearance_field, distance_to_wide_ways
 from worlds.scenes.parts.population import MOVER_WAY, WAY_MARGIN
 from worlds.shortest_path import shortest_path_length
-from worlds.world import Box, Mover, Patrol, RandomWalk, Shape, World
+from worlds.world import TALLEST, Box, Mover, Patrol, RandomWalk, Shape, World
 
 MAX_EXTENT = 200.0
 """Greatest extent of the bounds along x and along y [m], for which the grids of paths and movers are made."""
@@ -22,6 +24,24 @@ _ROUNDING = 1e-6
 """Slack for numbers that a scene file has rounded [m]."""
 START_MARGIN = 0.1
 """Least distance between the robot and a mover when an episode begins [m]."""
+LEAST_PATROL = 0.1
+"""Least length of a patrol [m]: one cell of the movers' grid. What only trembles on the spot is at rest."""
+MOST_COVER = 20.0
+"""Most that all obstacles together may cover, in areas of the bounds: work on the grids grows with it."""
+
+
+class BadField(BadWorld):
+    """A field of a world that is wrong.
+
+    Args:
+        source: Name that begins the message, such as the file's; may be empty.
+        field: Path of the field, as in ``movers[3].motion``; empty for the whole file.
+        problem: What is wrong, and what would be right.
+    """
+
+    def __init__(self, source: str, field: str, problem: str):
+        super().__init__(f"{source}{': ' if source else ''}{field or 'the file'}: {problem}")
+        self.field = field
 
 
 def check_world(world: World, source: str = "") -> None:
@@ -32,46 +52,50 @@ def check_world(world: World, source: str = "") -> None:
         source: Name that begins each message, such as the file's.
 
     Raises:
-        BadWorld: Empty or too large bounds; an obstacle too low for a contact; start or goal inside an obstacle or out
-            of bounds; a mover that starts in an obstacle, does not fit into its own radius, patrols through a wall, or
-            walks at random outside ways of 2.2 m width.
+        BadField: Empty or too large bounds; an obstacle too low for a contact; obstacles that cover each other many
+            times; start or goal inside an obstacle or out of bounds; a mover that starts in an obstacle or in another
+            mover, does not fit into its own radius, has waypoints in walls, out of bounds or behind walls, patrols
+            on the spot, or walks at random outside ways of 2.2 m width.
     """
-    where = f"{source}: " if source else ""
     x0, y0, x1, y1 = world.bounds
     for low, high, axis in ((x0, x1, "x"), (y0, y1, "y")):
+        field = f"bounds.{axis}_max"
         if high <= low:
-            raise BadWorld(f"{where}bounds.{axis}_max: {high:g} is not greater than {axis}_min, which is {low:g}")
+            raise BadField(source, field, f"{high:g} is not greater than {axis}_min, which is {low:g}")
         if high - low > MAX_EXTENT:
-            raise BadWorld(
-                f"{where}bounds.{axis}_max: {high - low:g} m from {axis}_min; {MAX_EXTENT:g} m or less would be right"
-            )
+            raise BadField(source, field, f"{high - low:g} m from {axis}_min; {MAX_EXTENT:g} m or less would be right")
     for i, obstacle in enumerate(world.obstacles):
-        _check_height((obstacle.shape,), f"obstacles[{i}]", where)
+        _check_height(obstacle.shape.base + obstacle.shape.height, f"obstacles[{i}]", source)
     for i, mover in enumerate(world.movers):
-        _check_height([part.shape for part in mover.parts], f"movers[{i}]", where)
-    _check_place(world, "start", world.start[:2], 0.0, where)
-    _check_place(world, "goal", world.goal, 0.0, where)
+        _check_height(mover.top, f"movers[{i}]", source)
+    _check_cover(world, source)
+    _check_place(world, "start", world.start[:2], 0.0, MIN_HEIGHT, source)
+    _check_place(world, "goal", world.goal, 0.0, MIN_HEIGHT, source)
     if not world.movers:
         return
-    field = clearance_field(world.obstacles, world.bounds)
+    field = clearance_field(world.below(world.mover_height), world.bounds)
     away = distance_to_wide_ways(field, MOVER_WAY)
     for i, mover in enumerate(world.movers):
-        _check_mover(world, i, mover, field, where)
+        _check_mover(world, i, field, source)
         limit = MOVER_WAY / 2 - mover.radius - WAY_MARGIN
         if isinstance(mover.motion, RandomWalk) and away[field.cell(*mover.start[:2])] > limit:
-            raise BadWorld(
-                f"{where}movers[{i}].start: random walkers keep to ways of {MOVER_WAY:g} m and more, and "
-                f"({mover.start.x:g}, {mover.start.y:g}) is not in one; a wider place, or a patrol, would be right"
+            raise BadField(
+                source,
+                f"movers[{i}].start",
+                f"random walkers keep to ways of {MOVER_WAY:g} m and more, and ({mover.start.x:g}, {mover.start.y:g}) "
+                "is not in one; a wider place, or a patrol, would be right",
             )
+    _check_apart(world.movers, source)
 
 
-def check_task(world: World, footprint_radius: float, source: str = "") -> float:
+def check_task(world: World, footprint_radius: float, source: str = "", height: float = TALLEST) -> float:
     """Refuse a world in which a body of this size cannot stand at the start, or cannot get to the goal.
 
     Args:
         world: Any world.
         footprint_radius: Radius of the circle about the footprint [m].
         source: Name that begins each message.
+        height: Height of the body [m]; what hangs above it is not in its way.
 
     Returns:
         Length of the shortest way around the static obstacles alone [m].
@@ -80,56 +104,79 @@ def check_task(world: World, footprint_radius: float, source: str = "") -> float
         BadWorld: Start or goal is too near to an obstacle or to the bounds, a mover is where the robot starts, or no
             way joins start and goal, even without the moving obstacles.
     """
-    where = f"{source}: " if source else ""
-    _check_place(world, "start", world.start[:2], footprint_radius, where)
-    _check_place(world, "goal", world.goal, footprint_radius, where)
+    _check_place(world, "start", world.start[:2], footprint_radius, height, source)
+    _check_place(world, "goal", world.goal, footprint_radius, height, source)
     for i, mover in enumerate(world.movers):
         gap = math.dist(mover.start[:2], world.start[:2]) - mover.radius - footprint_radius
-        if gap < START_MARGIN:
-            raise BadWorld(
-                f"{where}start: movers[{i}] (a {mover.kind}) begins at ({mover.start.x:g}, {mover.start.y:g}), "
-                f"{gap:.2f} m from the body; {START_MARGIN:g} m or more between them would be right"
+        if gap < START_MARGIN and mover.base < height:
+            raise BadField(
+                source,
+                "start",
+                f"movers[{i}] (a {mover.kind}) begins at ({mover.start.x:g}, {mover.start.y:g}), "
+                f"{gap:.2f} m from the body; {START_MARGIN:g} m or more between them would be right",
             )
-    length = shortest_path_length(world, footprint_radius)
+    length = shortest_path_length(world, footprint_radius, height)
     if not math.isfinite(length):
-        raise BadWorld(
-            f"{where}goal: no way leads from the start to ({world.goal[0]:g}, {world.goal[1]:g}) for a body of "
-            f"radius {footprint_radius:g} m; a wider passage or another goal would be right"
+        raise BadField(
+            source,
+            "goal",
+            f"no way leads from the start to ({world.goal[0]:g}, {world.goal[1]:g}) for a body of "
+            f"radius {footprint_radius:g} m; a wider passage or another goal would be right",
         )
     return length
 
 
-def _check_height(shapes: Sequence[Shape], name: str, where: str) -> None:
-    """Refuse shapes whose top is too low for a contact."""
-    top = max(shape.base + shape.height for shape in shapes)
+def _check_height(top: float, field: str, source: str) -> None:
+    """Refuse a thing whose top is too low for a contact."""
     if top < MIN_HEIGHT:
-        raise BadWorld(
-            f"{where}{name}: its top is {top:g} m above the floor, below the hull of a body; "
-            f"{MIN_HEIGHT:g} m or more would be right"
+        raise BadField(
+            source,
+            field,
+            f"its top is {top:g} m above the floor, below the hull of a body; {MIN_HEIGHT:g} m or more would be right",
         )
 
 
-def _check_place(world: World, name: str, point: tuple[float, float], radius: float, where: str) -> None:
-    """Refuse a point out of bounds, or nearer than ``radius`` to them or to an obstacle."""
+def _check_cover(world: World, source: str) -> None:
+    """Refuse obstacles that lie many layers deep over the whole place."""
+    x0, y0, x1, y1 = world.bounds
+    shapes = pack_shapes([obstacle.shape for obstacle in world.obstacles])
+    c, s = np.abs(np.cos(shapes.yaw)), np.abs(np.sin(shapes.yaw))
+    reach = np.stack([c * shapes.half[:, 0] + s * shapes.half[:, 1], s * shapes.half[:, 0] + c * shapes.half[:, 1]], 1)
+    sides = np.minimum(shapes.centre + reach, (x1, y1)) - np.maximum(shapes.centre - reach, (x0, y0))
+    cover = sides.clip(0.0).prod(axis=1).sum() / ((x1 - x0) * (y1 - y0))
+    if cover > MOST_COVER:
+        raise BadField(
+            source,
+            "obstacles",
+            f"together they cover the bounds {cover:.0f} times; {MOST_COVER:g} times or less would be right",
+        )
+
+
+def _check_place(
+    world: World, field: str, point: tuple[float, float], radius: float, height: float, source: str
+) -> None:
+    """Refuse a point out of bounds, or nearer than ``radius`` to them or to an obstacle below ``height``."""
     (x0, y0, x1, y1), (x, y) = world.bounds, point
     if not (x0 <= x <= x1 and y0 <= y <= y1):
-        raise BadWorld(
-            f"{where}{name}: ({x:g}, {y:g}) is out of bounds; x from {x0:g} to {x1:g} and y from {y0:g} to {y1:g} "
-            "would be right"
+        raise BadField(
+            source,
+            field,
+            f"({x:g}, {y:g}) is out of bounds; x from {x0:g} to {x1:g} and y from {y0:g} to {y1:g} would be right",
         )
     to_bounds = min(x - x0, x1 - x, y - y0, y1 - y)
     if to_bounds < radius:
-        raise BadWorld(
-            f"{where}{name}: ({x:g}, {y:g}) is {to_bounds:.2f} m from the bounds; {radius:g} m around it must be free"
+        raise BadField(
+            source, field, f"({x:g}, {y:g}) is {to_bounds:.2f} m from the bounds; {radius:g} m around it must be free"
         )
-    distance, which = clearance_at(pack_shapes([o.shape for o in world.obstacles]), x, y)
+    low = [i for i, obstacle in enumerate(world.obstacles) if obstacle.shape.base < height]
+    distance, which = clearance_at(pack_shapes([world.obstacles[i].shape for i in low]), x, y)
     if distance > radius or which < 0:
         return
-    obstacle = f"obstacles[{which}] (a {world.obstacles[which].kind})"
+    obstacle = f"obstacles[{low[which]}] (a {world.obstacles[low[which]].kind})"
     if distance == 0.0:
-        raise BadWorld(f"{where}{name}: ({x:g}, {y:g}) is inside {obstacle}; a free place would be right")
-    raise BadWorld(
-        f"{where}{name}: ({x:g}, {y:g}) is {distance:.2f} m from {obstacle}; {radius:g} m around it must be free"
+        raise BadField(source, field, f"({x:g}, {y:g}) is inside {obstacle}; a free place would be right")
+    raise BadField(
+        source, field, f"({x:g}, {y:g}) is {distance:.2f} m from {obstacle}; {radius:g} m around it must be free"
     )
 
 
@@ -146,29 +193,82 @@ def part_reach(shape: Shape, swing: float) -> float:
     return reach
 
 
-def _check_mover(world: World, i: int, mover: Mover, field: ClearanceField, where: str) -> None:
+def _check_mover(world: World, i: int, field: ClearanceField, source: str) -> None:
+    """Refuse a mover that does not fit into its radius, starts in something, or cannot go its way."""
+    mover = world.movers[i]
     reach = max(part_reach(part.shape, part.swing) for part in mover.parts)
     if mover.radius < reach - _ROUNDING:
-        raise BadWorld(
-            f"{where}movers[{i}].radius: {mover.radius:g} does not hold the parts; {reach:.3f} or more would be right"
+        raise BadField(
+            source,
+            f"movers[{i}].radius",
+            f"{mover.radius:g} does not hold the parts; {reach:.3f} or more would be right",
         )
-    _check_place(world, f"movers[{i}].start", mover.start[:2], mover.radius, where)
+    _check_place(world, f"movers[{i}].start", mover.start[:2], mover.radius, world.mover_height, source)
     if isinstance(mover.motion, RandomWalk):
         return
-    waypoints = mover.motion.waypoints
-    if isinstance(mover.motion, Patrol) and math.dist(waypoints[0], mover.start[:2]) > _ROUNDING:
-        raise BadWorld(
-            f"{where}movers[{i}].motion.waypoints[0]: a patrol starts at its first waypoint; "
-            f"({mover.start.x:g}, {mover.start.y:g}) would be right, which is its start"
-        )
-    for k, (a, b) in enumerate(pairwise(waypoints), start=1):
-        steps = math.ceil(math.dist(a, b) / (0.5 * field.resolution))
-        for n in range(steps + 1):
-            share = n / max(steps, 1)
-            x, y = a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])
-            # The field is exact at the cell's centre, which is at most half a diagonal from the point.
-            if field.distance[field.cell(x, y)] + _HALF_DIAGONAL * field.resolution < mover.radius:
-                raise BadWorld(
-                    f"{where}movers[{i}].motion.waypoints[{k}]: on the straight way there the mover hits an "
-                    f"obstacle at ({x:.2f}, {y:.2f}); free straight ways would be right"
-                )
+    name, waypoints = f"movers[{i}].motion.waypoints", mover.motion.waypoints
+    for k, point in enumerate(waypoints):
+        _check_place(world, f"{name}[{k}]", point, 0.0, world.mover_height, source)
+    if isinstance(mover.motion, Patrol):
+        if math.dist(waypoints[0], mover.start[:2]) > _ROUNDING:
+            raise BadField(
+                source,
+                f"{name}[0]",
+                f"a patrol starts at its first waypoint; ({mover.start.x:g}, {mover.start.y:g}) would be right, "
+                "which is its start",
+            )
+        length = sum(math.dist(a, b) for a, b in pairwise(waypoints))
+        if length < LEAST_PATROL:
+            raise BadField(
+                source,
+                name,
+                f"a patrol of {length:g} m; two waypoints or more, {LEAST_PATROL:g} m from end to end, would be right",
+            )
+        legs = list(enumerate(pairwise(waypoints), start=1))
+    else:
+        first = 1 % len(waypoints)  # a pedestrian starts on its way to the second waypoint, and closes the round
+        legs = [(first, (mover.start[:2], waypoints[first])), *enumerate(pairwise(waypoints), start=1)]
+        legs.append((0, (waypoints[-1], waypoints[0])))
+    for k, (a, b) in legs:
+        x, y = _first_hit(a, b, mover.radius, field)
+        if math.isfinite(x):
+            raise BadField(
+                source,
+                f"{name}[{k}]",
+                f"on the straight way there the mover hits an obstacle at ({x:.2f}, {y:.2f}); free straight ways "
+                "would be right",
+            )
+
+
+def _first_hit(
+    a: tuple[float, float], b: tuple[float, float], radius: float, field: ClearanceField
+) -> tuple[float, float]:
+    """The first place between two points where a disc surely overlaps an obstacle [m]; infinite if there is none."""
+    steps = math.ceil(math.dist(a, b) / (0.5 * field.resolution))
+    share = np.arange(steps + 1)[:, None] / max(steps, 1)
+    points = np.array(a) + share * (np.array(b) - np.array(a))
+    rows, columns = field.distance.shape
+    cells = ((points - field.origin) / field.resolution).astype(int).clip(0, (columns - 1, rows - 1))
+    # The field is exact at the cell's centre, which is at most half a diagonal from the point.
+    hits = field.distance[cells[:, 1], cells[:, 0]] + _HALF_DIAGONAL * field.resolution < radius
+    if not hits.any():
+        return math.inf, math.inf
+    x, y = points[hits.argmax()].tolist()
+    return x, y
+
+
+def _check_apart(movers: Sequence[Mover], source: str) -> None:
+    """Refuse movers that overlap at the start: two that react to each other never come apart again."""
+    starts = np.array([mover.start[:2] for mover in movers])
+    radii = np.array([mover.radius for mover in movers])
+    for i in range(1, len(movers)):
+        gaps = np.hypot(*(starts[:i] - starts[i]).T) - radii[:i] - radii[i]
+        j = int(gaps.argmin())
+        if gaps[j] < -_ROUNDING:
+            x, y, _ = movers[j].start
+            raise BadField(
+                source,
+                f"movers[{i}].start",
+                f"it overlaps movers[{j}] (a {movers[j].kind}), which starts at ({x:g}, {y:g}); "
+                f"{radii[i] + radii[j]:g} m or more from there would be right",
+            )

@@ -10,7 +10,7 @@ from vuca_nav.kernel_cache import njit
 from vuca_nav.types import FloatArray
 from worlds.motion.movers import TICK_RATE, MoverField
 from worlds.shortest_path import occupancy
-from worlds.world import World
+from worlds.world import TALLEST, World
 
 
 class ReachabilityResult(NamedTuple):
@@ -126,7 +126,14 @@ def earliest_arrival(blocked, grid, crowd, start, start_time, goal, v_max, layer
     return np.inf
 
 
-def reachable(world: World, radius: float, v_max: float, horizon: float, resolution: float = 0.2) -> ReachabilityResult:
+def reachable(
+    world: World,
+    radius: float,
+    v_max: float,
+    horizon: float,
+    resolution: float = 0.2,
+    height: float = TALLEST,
+) -> ReachabilityResult:
     """Decide whether a disc can reach the goal, given all movers' paths, and at what earliest time.
 
     The disc moves between the 8 neighbours of a cell at up to ``v_max``, waits as it likes, has no inertia, and is
@@ -140,12 +147,13 @@ def reachable(world: World, radius: float, v_max: float, horizon: float, resolut
         v_max: Greatest speed of the disc [m/s].
         horizon: Time before which the goal must be reached [s].
         resolution: Side of a cell [m]; the time step is ``resolution / v_max``.
+        height: Height of the disc's body [m]; obstacles and movers that hang above it are not in its way.
 
     Raises:
         BadWorld: The disc does not fit at the start.
     """
     pad = resolution * math.sqrt(0.5)
-    grid = occupancy(world, resolution, radius + pad)
+    grid = occupancy(world, resolution, radius + pad, height)
     start, goal = grid.cell(*world.start[:2]), grid.cell(*world.goal)
     if grid.blocked[start]:
         raise BadWorld(
@@ -162,7 +170,9 @@ def reachable(world: World, radius: float, v_max: float, horizon: float, resolut
     for k in range(ticks):
         movers.step(1.0 / TICK_RATE)
         tracks[k + 1] = movers.poses[:, :2]
-    reaches = np.array([mover.radius + radius + pad for mover in world.movers])
+    low = [i for i, mover in enumerate(world.movers) if mover.base < height]
+    tracks = np.ascontiguousarray(tracks[:, low])
+    reaches = np.array([world.movers[i].radius + radius + pad for i in low])
     cells, crowd = Grid(*grid.origin, resolution), Crowd(tracks, reaches, 1.0 / TICK_RATE)
     arrival = earliest_arrival(grid.blocked, cells, crowd, start, start_offset, goal, v_max, layers)
     time = float(arrival) + goal_offset

@@ -11,7 +11,7 @@ from worlds.checks import check_task
 from worlds.importers.scene_file import load_scene
 from worlds.scenes import building, double_branch, factory, square, training
 from worlds.scenes.parts.generation import stream
-from worlds.world import Mover, World
+from worlds.world import TALLEST, Mover, World
 
 DIFFICULTIES = {
     "V": "volatile: things move",
@@ -98,6 +98,7 @@ def make_world(
     sighted: float | None = None,
     without: str = "",
     footprint_radius: float = 0.35,
+    height: float = TALLEST,
 ) -> World:
     """Make a world by name, or from a scene file.
 
@@ -112,6 +113,7 @@ def make_world(
         without: Difficulties to switch off, letters of "VUCA". V: nothing moves. C: walls, blocks and shelves
             are gone, but for the outer ones. U and A are for the robot and change nothing here.
         footprint_radius: Radius of the circle about the footprint that must be able to reach the goal [m].
+        height: Height of the body [m]; what hangs above it in a scene file is not in its way.
 
     Raises:
         UnknownName: No such world.
@@ -138,7 +140,7 @@ def make_world(
         world = replace(world, obstacles=tuple(o for o in world.obstacles if o.outer or o.kind not in CORRIDOR_KINDS))
     world = replace(world, movers=_turned(world.movers, speed, sighted, seed, name))
     if is_scene:
-        check_task(world, footprint_radius, name)
+        check_task(world, footprint_radius, name, height)
     return world
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from vuca_nav.kernel_cache import njit
 from vuca_nav.types import FloatArray
 from worlds.clearance import clearance_field
-from worlds.world import World
+from worlds.world import TALLEST, World
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,15 +35,16 @@ class Occupancy:
         return x, self.origin[1] + (row + 0.5) * self.resolution
 
 
-def occupancy(world: World, resolution: float = 0.1, inflation: float = 0.0) -> Occupancy:
+def occupancy(world: World, resolution: float = 0.1, inflation: float = 0.0, height: float = TALLEST) -> Occupancy:
     """Occupancy of the static obstacles and of all beyond the bounds, inflated; movers are left out.
 
     Args:
         world: Any world.
         resolution: Side of a cell [m].
         inflation: A cell is blocked if its centre is inside a solid, or less than this away from one [m].
+        height: Obstacles that hang higher than this are left out [m].
     """
-    field = clearance_field(world.obstacles, world.bounds, resolution, max(inflation, resolution) + resolution)
+    field = clearance_field(world.below(height), world.bounds, resolution, max(inflation, resolution) + resolution)
     return Occupancy(field.distance < max(inflation, 1e-9), field.origin, resolution)
 
 
@@ -163,7 +164,7 @@ def _pull_tight(blocked, path):
     return kept[:count]
 
 
-def shortest_path(world: World, radius: float) -> FloatArray:
+def shortest_path(world: World, radius: float, height: float = TALLEST) -> FloatArray:
     """The shortest way of a disc from start to goal around the static obstacles, (n, 2) [m]; empty if there is none.
 
     A* over 16 neighbours, pulled tight by lines of sight: an any-angle path, within about 1% of the true shortest.
@@ -173,22 +174,22 @@ def shortest_path(world: World, radius: float) -> FloatArray:
     Args:
         world: Any world; the disc must fit at its start and goal.
         radius: Radius of the disc [m].
+        height: Height of the body [m]; obstacles that hang above it are not in its way.
     """
     for resolution in RESOLUTIONS:
-        path = _path_on_grid(world, radius, resolution)
+        path = _path_on_grid(world, occupancy(world, resolution, radius, height))
         if len(path):
             break
     return path
 
 
-def shortest_path_length(world: World, radius: float) -> float:
+def shortest_path_length(world: World, radius: float, height: float = TALLEST) -> float:
     """Length of :func:`shortest_path` [m]; ``inf`` if there is none."""
-    points = shortest_path(world, radius)
+    points = shortest_path(world, radius, height)
     return float(np.hypot(*np.diff(points, axis=0).T).sum()) if len(points) else math.inf
 
 
-def _path_on_grid(world: World, radius: float, resolution: float) -> FloatArray:
-    grid = occupancy(world, resolution, radius)
+def _path_on_grid(world: World, grid: Occupancy) -> FloatArray:
     start, goal = _free_cell(grid, world.start[:2]), _free_cell(grid, world.goal)
     if start is None or goal is None:
         return np.empty((0, 2))
@@ -198,7 +199,7 @@ def _path_on_grid(world: World, radius: float, resolution: float) -> FloatArray:
     cells = cells[::-1]
     cells = cells[_pull_tight(grid.blocked, np.ascontiguousarray(cells))]
     points: FloatArray = np.empty((max(len(cells), 2), 2))
-    points[: len(cells)] = (cells[:, ::-1] + 0.5) * resolution + grid.origin
+    points[: len(cells)] = (cells[:, ::-1] + 0.5) * grid.resolution + grid.origin
     points[0], points[-1] = world.start[:2], world.goal
     return points
 

@@ -10,6 +10,8 @@ from vuca_nav.types import Pose2
 
 ObstacleKind = Literal["wall", "block", "shelf", "pillar", "low"]
 MoverKind = Literal["cylinder", "box", "cart", "legs", "person"]
+TALLEST = 2.0
+"""Height of the tallest body and of the tallest moving obstacle that are reckoned with where none is given [m]."""
 OBSTACLE_KINDS: tuple[ObstacleKind, ...] = ("wall", "block", "shelf", "pillar", "low")
 MOVER_KINDS: tuple[MoverKind, ...] = ("cylinder", "box", "cart", "legs", "person")
 
@@ -134,6 +136,16 @@ class Mover:
         """Whether it gives way to the robot."""
         return isinstance(self.motion, SocialForce) if self.sighted is None else self.sighted
 
+    @property
+    def top(self) -> float:
+        """Height of its highest point above the floor [m]."""
+        return max((part.shape.base + part.shape.height for part in self.parts), default=TALLEST)
+
+    @property
+    def base(self) -> float:
+        """Height of its lowest point above the floor [m]."""
+        return min((part.shape.base for part in self.parts), default=0.0)
+
 
 @dataclass(frozen=True, slots=True)
 class Way:
@@ -159,6 +171,15 @@ class World:
     """[m]"""
     ways: tuple[Way, ...] = ()
     """Parts of the alternative ways to the goal, in worlds that record which one a planner takes."""
+
+    def below(self, height: float) -> tuple[Obstacle, ...]:
+        """The obstacles that are in the way of a thing of this height [m]: those that do not hang above it."""
+        return tuple(obstacle for obstacle in self.obstacles if obstacle.shape.base < height)
+
+    @property
+    def mover_height(self) -> float:
+        """Height of the highest point of any mover [m]; 0 if there are none."""
+        return max((mover.top for mover in self.movers), default=0.0)
 
     def way_of(self, pose: Pose2) -> str | None:
         """Name of the way that a pose is on, None if it is on none."""

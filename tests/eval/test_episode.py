@@ -20,7 +20,7 @@ from vuca_nav.types import BodySpec, LidarSpec, Odometry, Pose2, Scan, VelocityC
 from worlds.world import Box, Obstacle, World
 
 SPEC = BodySpec("point", np.array([[0.1, 0.0], [0.0, 0.1], [-0.1, 0.0]]), 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 1.0)
-BODY = SimpleNamespace(spec=SPEC, lidar=LidarSpec(num_beams=4))
+BODY = SimpleNamespace(spec=SPEC, lidar=LidarSpec(num_beams=4), height=1.0)
 WORLD = World("line", 0, (0.0, -2.0, 20.0, 2.0), (), (), Pose2(1.0, 0.0, 0.0), (4.0, 0.0))
 
 

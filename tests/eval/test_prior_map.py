@@ -16,3 +16,10 @@ def test_obstacles_are_occupied_free_floor_is_free_and_beyond_is_unknown():
         assert grid.state(x, y) == -1, (x, y)
     for x, y in ((-0.5, 3.0), (10.5, 3.0), (5.0, 6.5)):
         assert grid.state(x, y) == 0, (x, y)
+
+
+def test_what_hangs_above_the_robot_is_left_out():
+    beams = tuple(Obstacle("wall", Box(x, 3.0, 0.2, 6.0, 0.0, 0.3, base=base)) for x, base in ((3.0, 1.0), (6.0, 2.1)))
+    grid = rasterise(World("w", 0, (0.0, 0.0, 10.0, 6.0), beams, (), Pose2(1.0, 1.0, 0.0), (9.0, 1.0)), 1.262)
+    assert grid.state(3.0, 3.0) == 1
+    assert grid.state(6.0, 3.0) == -1

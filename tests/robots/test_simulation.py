@@ -12,8 +12,9 @@ from vuca_nav.errors import BadArgument
 from vuca_nav.geometry import between
 from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import STOP, Pose2, VelocityCommand
+from worlds.checks import check_task
 from worlds.registry import make_world
-from worlds.world import Cylinder, Mover, MoverPart, Obstacle, Patrol
+from worlds.world import Box, Cylinder, Mover, MoverPart, Obstacle, Patrol
 
 FORWARD = VelocityCommand(1.0, 0.0, 0.0)
 
@@ -75,6 +76,22 @@ def test_something_low_that_the_laser_cannot_see_is_still_touched(tiago):
     assert np.isinf(scan.ranges).all()
     run(simulation, FORWARD, 90)
     assert simulation.contact == "low"
+
+
+@pytest.mark.parametrize(("base", "touched"), [(2.1, None), (1.27, None), (1.2, "wall"), (0.5, "wall")])
+def test_a_beam_is_touched_by_a_body_that_is_taller_than_its_lower_face(tiago, base, touched):
+    """It hangs above the laser, which sees nothing; contact, clearance and the check of the task agree."""
+    beam = Obstacle("wall", Box(31.5, 30.0, 0.2, 8.0, 0.0, 0.3, base=base))
+    world = replace(hall(), obstacles=(*hall().obstacles, beam), goal=(33.0, 30.0))
+    simulation = Simulation(world, tiago, 0, noise=NoiseConfig.none())
+    scan, _ = simulation.reset()
+    assert np.isinf(scan.ranges).all()
+    assert (simulation.clearance < 2.0) == (touched is not None)
+    run(simulation, FORWARD, 120)
+    assert simulation.contact == touched
+    if touched is None:
+        assert simulation.true_pose.x > 32.0
+        assert check_task(world, tiago.spec.radius, height=tiago.height) == pytest.approx(3.0, rel=0.01)
 
 
 def test_same_seed_same_bits_other_seed_other_bits(tiago):

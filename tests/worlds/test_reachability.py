@@ -120,6 +120,52 @@ def test_a_mover_on_the_start_is_refused():
             check_task(with_mover(gap), TIAGO)
 
 
+def overhead(base, x=10.0, length=0.2, width=10.0):
+    """Something that spans the hall, its lower face at ``base``."""
+    return Obstacle("wall", Box(x, 5.0, length, width, 0.0, 0.3, base=base))
+
+
+@pytest.mark.parametrize(
+    ("base", "height", "passes"),
+    [(2.1, 1.262, True), (2.5, 1.262, True), (1.262, 1.262, True), (1.26, 1.262, False), (0.6, 0.42, True),
+     (0.4, 0.42, False), (0.0, 0.42, False)],
+)  # fmt: skip
+def test_a_beam_bars_the_bodies_that_are_taller_than_its_lower_face(base, height, passes):
+    world = hall(overhead(base), start=(2.1, 5.1), goal=(18.1, 5.1))
+    assert math.isfinite(shortest_path_length(world, TIAGO, height)) == passes
+    assert reachable(world, TIAGO, 1.0, 30.0, height=height).reached == passes
+    if passes:
+        assert check_task(world, TIAGO, height=height) == pytest.approx(16.0, rel=1e-3)
+    else:
+        with pytest.raises(BadWorld, match="goal: no way leads"):
+            check_task(world, TIAGO, height=height)
+
+
+def test_a_lintel_leaves_the_door_below_it_as_wide_as_it_is():
+    posts = wall_with_gap(10.0, 4.5, 5.5)
+    lintel = Obstacle("wall", Box(10.0, 5.0, 0.2, 1.0, 0.0, 0.5, base=2.1))
+    assert shortest_path_length(hall(*posts, lintel), TIAGO) == shortest_path_length(hall(*posts), TIAGO)
+    assert shortest_path_length(hall(*posts, lintel), 0.55) == math.inf
+
+
+def test_start_and_goal_may_lie_under_a_ceiling():
+    ceiling = overhead(3.0, length=20.0)
+    assert check_task(hall(ceiling), TIAGO, height=1.262) == pytest.approx(16.0, rel=1e-3)
+    pillar = Obstacle("pillar", Cylinder(18.1, 5.1, 0.3, 2.0))
+    with pytest.raises(BadWorld, match=r"goal: \(18.1, 5.1\) is inside obstacles\[1\] \(a pillar\)"):
+        check_task(hall(ceiling, pillar), TIAGO, height=1.262)
+    with pytest.raises(BadWorld, match=r"start: \(2.1, 5.1\) is inside obstacles\[0\] \(a wall\)"):
+        check_task(hall(overhead(1.0, length=20.0), pillar), TIAGO, height=1.262)
+
+
+def test_a_mover_overhead_is_not_in_the_way():
+    crane = replace(plug((2.1, 5.1)), parts=(MoverPart(Cylinder(0.0, 0.0, 0.6, 1.0, base=2.5)),))
+    assert check_task(hall(movers=(crane,)), TIAGO, height=1.262) == pytest.approx(16.0, rel=1e-3)
+    assert reachable(hall(movers=(crane,)), TIAGO, 1.0, 30.0, height=1.262).reached
+    with pytest.raises(BadWorld, match=r"start: movers\[0\]"):
+        check_task(hall(movers=(crane,)), TIAGO, height=2.6)
+
+
 def test_fairness_is_of_the_worlds_that_the_body_gets(monkeypatch):
     asked = []
 

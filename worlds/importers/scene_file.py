@@ -3,17 +3,20 @@
 import json
 import math
 from collections.abc import Iterator, Mapping
+from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import jsonschema
 import yaml
 from jsonschema.exceptions import ValidationError, best_match
 
+from vuca_nav.data_files import shown
 from vuca_nav.errors import BadWorld
 from vuca_nav.types import Pose2
-from worlds.checks import check_world
+from vuca_nav.yaml_file import is_plain_text, read_yaml
+from worlds.checks import BadField, check_world
 from worlds.world import (
     Box,
     Cylinder,
@@ -49,17 +52,21 @@ def load_scene(path: str | Path) -> World:
 
     Raises:
         BadWorld: No such file, broken YAML, a field that is not as the schema wants it, or a world that fails
-            :func:`worlds.checks.check_world`; the message names the file and the field.
+            :func:`worlds.checks.check_world`; the message gives the file, the field and its line.
     """
-    document = _read(path)
-    for where, number in _numbers(document):
-        if not math.isfinite(number):
-            raise BadWorld(f"{path}: {where}: {number} is not a finite number")
-    error = best_match(_validator().iter_errors(document), key=_relevance)
-    if error is not None:
-        raise BadWorld(f"{path}: {_explain(error)}")
-    world = _world_from(document)
-    check_world(world, str(path))
+    document = read_yaml(path, BadWorld)
+    try:
+        for field, number in _numbers(document.value):
+            if not math.isfinite(number):
+                raise BadField(str(path), field, f"{number} is not a finite number")
+        error = best_match(_validator().iter_errors(document.value), key=_relevance)
+        if error is not None:
+            raise BadField(str(path), _field(error), _problem(error))
+        world = _world_from(document.value)
+        check_world(world, str(path))
+    except BadField as error:
+        line = document.line_of(error.field)
+        raise BadWorld(f"{error} (line {line})" if line else str(error)) from None
     return world
 
 
@@ -73,7 +80,7 @@ def save_scene(world: World, path: str | Path) -> None:
     Raises:
         BadWorld: The file cannot be written.
     """
-    text = yaml.safe_dump(_document_of(world), sort_keys=False, default_flow_style=None, width=110)
+    text = yaml.dump(_document_of(world), Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=110)
     try:
         Path(path).write_text(text, encoding="utf-8")
     except OSError as error:
@@ -83,40 +90,6 @@ def save_scene(world: World, path: str | Path) -> None:
 
 
 # -- reading -------------------------------------------------------------------------------------------------------
-
-
-_SafeLoader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-
-
-class _Loader(_SafeLoader):
-    """YAML's safe types, every key once: of two equal ones PyYAML silently takes the last."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
-        """Construct a mapping as the base does, but raise ConstructorError for a repeated key."""
-        seen: set[tuple[str, str]] = set()
-        for key, _ in node.value:
-            if isinstance(key, yaml.ScalarNode):
-                if (key.tag, key.value) in seen:
-                    raise yaml.constructor.ConstructorError(
-                        None, None, f"the key {key.value!r} a second time; once would be right", key.start_mark
-                    )
-                seen.add((key.tag, key.value))
-        return super().construct_mapping(node, deep)
-
-
-def _read(path: str | Path) -> Any:
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except OSError as error:
-        raise BadWorld(f"{path}: {error.strerror}; the path of a scene file would be right") from error
-    except UnicodeDecodeError as error:
-        raise BadWorld(f"{path}: not a text in UTF-8 (byte {error.start})") from error
-    try:
-        return yaml.load(text, Loader=_Loader)
-    except yaml.YAMLError as error:
-        mark, problem = getattr(error, "problem_mark", None), getattr(error, "problem", None) or str(error)
-        place = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
-        raise BadWorld(f"{path}: {place}not YAML: {problem}") from error
 
 
 @cache
@@ -137,33 +110,44 @@ def _numbers(value: Any, where: str = "") -> Iterator[tuple[str, float]]:
 
 
 def _relevance(error: ValidationError) -> tuple:
-    """The first field in the order of the file wins, so that errors are mended from the top."""
-    return tuple(-part if isinstance(part, int) else 0 for part in error.absolute_path)
+    """The first field in the order of the file wins, so that errors are mended from the top; unknown ones first."""
+    path = tuple(-part if isinstance(part, int) else 0 for part in error.absolute_path)
+    return path, error.validator == "additionalProperties"
 
 
-def _explain(error: ValidationError) -> str:
-    """The field's path, what is wrong and what would be right."""
-    where = ""
+def _field(error: ValidationError) -> str:
+    """Path of the field that an error is about; empty for the whole file."""
+    field = ""
     for part in error.absolute_path:
-        where += f"[{part}]" if isinstance(part, int) else f".{part}" if where else str(part)
-    where = where or "the file"
-    rule, wanted = error.validator, error.validator_value
-    schema: Any = error.schema
+        field += f"[{part}]" if isinstance(part, int) else f".{part}" if field else str(part)
+    return field
+
+
+def _problem(error: ValidationError) -> str:
+    """What is wrong with a field, and what would be right."""
+    rule, wanted = str(error.validator), error.validator_value
+    instance: Any = error.instance
+    value, schema = shown(repr(instance)), cast(dict, error.schema)
     if rule == "type":
-        return f"{where}: {error.instance!r:.60} is not {TYPE_NAMES.get(str(wanted), wanted)}"
+        return f"{value} is not {TYPE_NAMES.get(str(wanted), wanted)}"
     if rule == "required":
-        instance: Any = error.instance
-        missing = [name for name in wanted if name not in instance]  # type: ignore[union-attr]
-        return f"{where}: {', '.join(missing)} missing"
+        return f"{', '.join(name for name in schema['required'] if name not in instance)} missing"
     if rule == "additionalProperties":
         known = list(schema["properties"])
-        unknown = [str(name) for name in error.instance if name not in known]  # type: ignore[union-attr]
-        return f"{where}: unknown field {', '.join(unknown)}; its fields are {', '.join(known)}"
+        unknown = [name for name in instance if name not in known]
+        close = get_close_matches(unknown[0], known, n=1)
+        hint = f"; did you mean {close[0]!r}?" if close else ""
+        return f"unknown field {', '.join(map(shown, unknown[:5]))}; its fields are {', '.join(known)}{hint}"
     if rule == "enum":
-        return f"{where}: {error.instance!r:.60} is not one of {', '.join(map(str, wanted))}"  # type: ignore[arg-type]
+        return f"{value} is not one of {', '.join(schema['enum'])}"
     if rule == "const":
-        return f"{where}: {error.instance!r:.60} should be {wanted!r}"
-    return f"{where}: {error.message}"
+        return f"{value} should be {wanted!r}"
+    if rule in ("minItems", "maxItems", "minLength", "maxLength"):
+        limit = "at least" if rule.startswith("min") else "at most"
+        return f"it has {len(instance)} {'entries' if rule.endswith('Items') else 'characters'}; {limit} {wanted}"
+    if rule == "not":
+        return f"{value} has a slash or a character that XML or a line cannot hold; letters and digits would be right"
+    return error.message
 
 
 def _point_from(d: dict) -> tuple[float, float]:
@@ -210,6 +194,17 @@ def _world_from(d: dict) -> World:
 
 
 # -- writing -------------------------------------------------------------------------------------------------------
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes for readers of YAML 1.1 and of 1.2: what either takes for something else than a text is in quotes."""
+
+
+def _text(dumper: _Dumper, text: str) -> yaml.ScalarNode:
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=None if is_plain_text(text) else "'")
+
+
+_Dumper.add_representer(str, _text)
 
 
 def _point(point: tuple[float, float]) -> dict:

@@ -92,6 +92,7 @@ class MoverField:
     Movers on a random walk keep to the part of the free space that is at least 2.2 m wide. They turn away from
     other movers that come near; in a press they may brush through each other, rather than tremble on the spot. Patrols
     follow their line through anything. Of the robot all of them know only if they are sighted (``Mover.sees_robot``).
+    What hangs above the tallest mover is in no mover's way.
 
     Attributes:
         poses: (m, 3) x, y, yaw of the movers in the world [m, rad].
@@ -131,7 +132,7 @@ class MoverField:
                 self._constants[i, WAYPOINTS] = len(motion.waypoints)
                 waypoints += motion.waypoints
         self._waypoints = np.array(waypoints, float).reshape(-1, 2)
-        field = clearance_field(world.obstacles, world.bounds) if m else None
+        field = clearance_field(world.below(world.mover_height), world.bounds) if m else None
         if field is None:
             self._away = self._clearance = np.zeros((1, 1), np.float32)
             self._grid = np.array([0.0, 0.0, 1.0])

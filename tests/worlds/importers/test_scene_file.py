@@ -3,7 +3,10 @@
 import copy
 import json
 import math
+import os
+from dataclasses import replace
 
+import mujoco
 import pytest
 import yaml
 from hypothesis import HealthCheck, given, settings
@@ -14,6 +17,8 @@ from vuca_nav.errors import BadWorld
 from vuca_nav.types import Pose2
 from worlds import WORLDS, load_scene, make_world, save_scene
 from worlds.importers.scene_file import SCHEMA_FILE
+from worlds.mjcf import build_arena
+from worlds.motion.movers import MoverField
 from worlds.shortest_path import shortest_path_length
 from worlds.world import (
     MOVER_KINDS,
@@ -268,3 +273,160 @@ def test_something_low_is_counted_from_the_floor(tmp_path):
     shape = {"type": "box", "x": 5, "y": 7.5, "length": 1, "width": 0.4, "yaw": 0, "height": 0.02, "base": 0.5}
     document = changed(("obstacles", 1, "shape"), shape)
     assert load_scene(write(tmp_path, document)).obstacles[1].shape.base == 0.5
+
+
+def refusal(tmp_path, document) -> str:
+    """The line that a scene is refused with, after the file's name."""
+    file = write(tmp_path, document)
+    with pytest.raises(BadWorld) as caught:
+        load_scene(file)
+    text = str(caught.value)
+    assert text.startswith(f"{file}: ")
+    assert "\n" not in text
+    return text.removeprefix(f"{file}: ")
+
+
+def test_a_bad_field_has_its_line(tmp_path):
+    text = yaml.safe_dump(SMALL).replace("radius: 0.5", "radius: -1")
+    number = 1 + text[: text.index("radius: -1")].count("\n")
+    assert refusal(tmp_path, text).endswith(f"(line {number})")
+    inside = yaml.safe_dump(changed(("goal",), {"x": 5.1, "y": 4.2}))
+    number = 1 + inside[: inside.index("  x: 5.1")].count("\n")
+    assert refusal(tmp_path, inside).endswith(f"(line {number})")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("- " * 4000, "line 1, column 65: "),
+        ("&a [*a]", "*a refers to itself"),
+        ("seed: !!int abc", "line 1, column 7: seed: a tag"),
+        (
+            "format: vuca-scene-1\nstart: {x: " + "9" * 5000 + "}",
+            "line 2, column 12: start.x: an integer of 5000 digits",
+        ),
+    ],
+)
+def test_yaml_that_is_more_than_data_is_refused(tmp_path, text, message):
+    assert message in refusal(tmp_path, text)
+
+
+def test_numbers_are_read_as_they_are_written(tmp_path):
+    document = yaml.safe_dump(changed(("goal",), {"x": 9, "y": 7.0}))
+    world = load_scene(write(tmp_path, document.replace("x: 9\n", "x: 010\n").replace("x_max: 10.0", "x_max: 1.1e1")))
+    assert world.goal == (10.0, 7.0)
+    assert world.bounds[2] == 11.0
+    assert "seed: '1_0' is not an integer" in refusal(tmp_path, document.replace("seed: 0", "seed: 1_0"))
+    assert "outer: 'yes' is not true or false" in refusal(tmp_path, changed(("obstacles", 0, "outer"), "yes"))
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["a\x01b", "a\nb", "tab\t", "a/b", "del\x7f", "nel\x85", "\u2028", "\ufffe", "x" * 101, ""],
+)
+def test_names_that_are_no_line_of_xml_are_refused(tmp_path, name):
+    assert refusal(tmp_path, changed(("name",), name)).startswith("name: ")
+    ways = [{"name": name, "box": SMALL["bounds"]}]
+    assert refusal(tmp_path, {**SMALL, "ways": ways}).startswith("ways[0].name: ")
+
+
+@pytest.mark.parametrize("name", ["tiago", "world", '<a href="&amp;">', " ", "räum 中 😀", "1e1", "0o7", "yes", "~"])
+def test_other_names_are_kept_and_compiled(tmp_path, name):
+    world = replace(load_scene(write(tmp_path, SMALL)), name=name)
+    save_scene(world, tmp_path / "again.yaml")
+    assert load_scene(tmp_path / "again.yaml") == world
+    mujoco.MjModel.from_xml_string(build_arena(world).to_xml_string())  # type: ignore[attr-defined]
+
+
+def test_an_unknown_field_gets_a_guess_and_a_short_line(tmp_path):
+    document = changed(("obstacles", 1, "shape", "radius"), ...)
+    document["obstacles"][1]["shape"]["radios"] = 0.5
+    text = refusal(tmp_path, document)
+    assert "obstacles[1].shape: unknown field radios; its fields are type, x, y, radius, " in text
+    assert "did you mean 'radius'?" in text
+    text = refusal(tmp_path, {**SMALL, "\x1b[2J" + "y" * 1000: 1})
+    assert "\x1b" not in text
+    assert len(text) < 300
+
+
+def test_a_list_that_is_too_long_is_refused_without_being_shown(tmp_path):
+    text = refusal(tmp_path, "\n".join(["obstacles:", *(["- {}"] * 10_001)]))
+    assert len(text) < 300
+    obstacles = [copy.deepcopy(SMALL["obstacles"][0]) for _ in range(10_001)]
+    assert "obstacles: it has 10001 entries; at most 10000" in refusal(tmp_path, {**SMALL, "obstacles": obstacles})
+
+
+def pedestrian(x, y, *waypoints, radius=0.3):
+    return {
+        "kind": "person",
+        "radius": radius,
+        "start": {"x": x, "y": y, "yaw": 0},
+        "motion": {"type": "social_force", "speed": 1.0, "waypoints": [{"x": x, "y": y} for x, y in waypoints]},
+        "parts": [{"shape": {"type": "cylinder", "x": 0, "y": 0, "radius": radius, "height": 1.7}}],
+    }
+
+
+def patrol(*waypoints, radius=0.3):
+    (x, y), *_ = waypoints
+    mover = pedestrian(x, y, *waypoints, radius=radius)
+    return {**mover, "motion": {**mover["motion"], "type": "patrol"}}
+
+
+def walker(x, y):
+    return {**pedestrian(x, y), "motion": {"type": "random_walk", "speed": 1.0, "seed": 3}}
+
+
+A, B = (2.0, 6.0), (8.0, 6.0)
+
+
+@pytest.mark.parametrize("kind", [walker, lambda x, y: pedestrian(x, y, A, B), lambda x, y: patrol((x, y), A, B)])
+def test_movers_that_overlap_at_the_start_are_refused(tmp_path, kind):
+    for gap in (0.0, 0.3, 0.59):
+        text = refusal(tmp_path, {**SMALL, "movers": [kind(*A), kind(8.0, 6.5), kind(A[0] + gap, A[1])]})
+        assert "movers[2].start: it overlaps movers[0] (a person), which starts at (2, 6); 0.6 m or more" in text
+    assert len(load_scene(write(tmp_path, {**SMALL, "movers": [kind(*A), kind(A[0] + 0.6, A[1])]})).movers) == 2
+
+
+@pytest.mark.parametrize(
+    ("mover", "message"),
+    [
+        (pedestrian(2, 6, (12.0, 6.0)), "movers[0].motion.waypoints[0]: (12, 6) is out of bounds"),
+        (pedestrian(2, 6, (2.0, 6.0), (8.0, 9.0)), "movers[0].motion.waypoints[1]: (8, 9) is out of bounds"),
+        (patrol(A, (11.0, 6.0), radius=0.05), "movers[0].motion.waypoints[1]: (11, 6) is out of bounds"),
+        (patrol(A, B, (5.0, 4.2)), "movers[0].motion.waypoints[2]: (5, 4.2) is inside obstacles[1] (a pillar)"),
+        (pedestrian(2, 4, (8.0, 4.0)), "movers[0].motion.waypoints[0]: on the straight way"),
+        (pedestrian(2, 4, (2.0, 4.0), A, B, (8.0, 4.0)), "movers[0].motion.waypoints[0]: on the straight way"),
+        (pedestrian(2, 4, B, (8.0, 4.0), A), "movers[0].motion.waypoints[1]: on the straight way"),
+        (patrol(A), "movers[0].motion.waypoints: a patrol of 0 m; two waypoints or more"),
+        (patrol(A, A, A), "movers[0].motion.waypoints: a patrol of 0 m"),
+        (patrol(A, (2.0, 6.01)), "movers[0].motion.waypoints: a patrol of 0.01 m"),
+    ],
+)  # fmt: skip
+def test_waypoints_that_cannot_be_walked_are_refused(tmp_path, mover, message):
+    assert refusal(tmp_path, {**SMALL, "movers": [mover]}).startswith(message)
+
+
+def test_a_pedestrian_may_have_one_place_to_stand_at(tmp_path):
+    world = load_scene(write(tmp_path, {**SMALL, "movers": [pedestrian(2, 6, (3.0, 6.0))]}))
+    field = MoverField(world)
+    for _ in range(300):
+        field.step(1 / 30)
+    assert field.poses[0, :2] == pytest.approx((3.0, 6.0), abs=0.5)
+
+
+def test_obstacles_many_layers_deep_are_refused(tmp_path):
+    """Each would be stamped all over the grids."""
+    slab = {"kind": "wall", "shape": {"type": "box", "x": 5, "y": 4, "length": 50, "width": 50, "yaw": 1, "height": 1,
+                                      "base": 9}}  # fmt: skip
+    assert "obstacles: together they cover the bounds 30 times" in refusal(
+        tmp_path, {**SMALL, "obstacles": [slab] * 30}
+    )
+    assert load_scene(write(tmp_path, {**SMALL, "obstacles": [slab] * 5})).obstacles
+
+
+def test_a_scene_is_read_from_a_regular_file_only(tmp_path):
+    os.mkfifo(tmp_path / "pipe.yaml")
+    with pytest.raises(BadWorld, match=r"pipe.yaml: a pipe; the path of a regular file"):
+        load_scene(tmp_path / "pipe.yaml")
+    (tmp_path / "mark.yaml").write_bytes(b"\xef\xbb\xbf" + yaml.safe_dump(SMALL).encode())
+    assert load_scene(tmp_path / "mark.yaml").name == "small"

@@ -230,3 +230,24 @@ def test_the_crowd_of_the_building_keeps_walking():
         walked = np.hypot(*np.diff(track[::30], axis=0).transpose(2, 0, 1)).sum(axis=0)
         assert np.median(walked) > 40.0
         assert walked.min() > 5.0
+
+
+def test_a_ceiling_is_in_no_movers_way_and_a_low_canopy_is():
+    def path(*overhead):
+        walker = Mover(
+            "person", (MoverPart(Cylinder(0.0, 0.0, 0.3, 1.7)),), 0.3, Pose2(4.0, 4.0, 0.0), RandomWalk(1.0, 5)
+        )
+        field = MoverField(
+            World("hall", 0, (0.0, 0.0, 8.0, 8.0), overhead, (walker,), Pose2(0.5, 0.5, 0.0), (7.0, 7.0))
+        )
+        positions = []
+        for _ in range(900):
+            field.step(1 / 30)
+            positions.append(field.poses[0, :2].copy())
+        return np.array(positions)
+
+    bare = path()
+    np.testing.assert_array_equal(path(Obstacle("wall", Box(4.0, 4.0, 8.0, 8.0, 0.0, 0.1, base=3.0))), bare)
+    assert bare[:, 0].max() > 5.5
+    canopy = Obstacle("wall", Box(7.0, 4.0, 2.0, 8.0, 0.0, 0.1, base=1.5))
+    assert path(canopy)[:, 0].max() < 5.75
