@@ -66,8 +66,8 @@ class Physics:
             (getattr(self.data, name)[robot:], getattr(self._scene_data, name)[robot + shift :])
             for name in ("xfrc_applied", "xpos", "xquat")
         ]
-        joint = self._scene_model.body_jntadr[robot + shift]
-        base = self._scene_model.jnt_qposadr[joint], self._scene_model.jnt_dofadr[joint]
+        joint = self.scene_model.body_jntadr[robot + shift]
+        base = self.scene_model.jnt_qposadr[joint], self.scene_model.jnt_dofadr[joint]
         self._base = self._scene_data.qpos[base[0] :][:7], self._scene_data.qvel[base[1] :][:6]
         self._before = np.empty(7), np.empty(6)
         self._mocap = self._scene_data.mocap_pos, self._scene_data.mocap_quat
