@@ -15,8 +15,10 @@ from vuca_nav.errors import BadArgument, UnknownName
 NAME = "robots.gym_env:vuca/Navigation-v0"
 
 
-def make(**options):
-    return gymnasium.make(NAME, **options).unwrapped
+def make(**options) -> NavigationEnv:
+    env = gymnasium.make(NAME, **options).unwrapped
+    assert isinstance(env, NavigationEnv)
+    return env
 
 
 def assert_same_steps(one, other):
@@ -55,7 +57,8 @@ def test_scaling_wrappers_have_no_degenerate_dimension():
         gymnasium.make(NAME, world="dynamic", movers=0), np.float32(-2.0), np.float32(2.0)
     )
     plain = make(world="dynamic", movers=0)
-    env.reset(seed=0), plain.reset(seed=0)
+    env.reset(seed=0)
+    plain.reset(seed=0)
     assert_same_steps(env.step(np.array([2.0, 0.5])), plain.step(np.array([1.0, 0.25])))
 
 
@@ -72,7 +75,7 @@ def test_gymnasiums_wrappers_and_vectors_take_it():
     assert info["episode"]["r"] == pytest.approx(total)
 
     envs = gymnasium.make_vec(NAME, 2, vectorization_mode="sync", world="dynamic", movers=0)
-    observations, _ = envs.reset(seed=[0, 1])
+    observations, _ = envs.reset(seed=0)
     assert envs.observation_space.contains(observations)
     *_, infos = envs.step(np.zeros((2, 2), np.float32))
     np.testing.assert_array_equal(infos["success"], [False, False])

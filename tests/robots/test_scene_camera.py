@@ -48,7 +48,8 @@ def test_a_picture_shows_the_robot_on_the_floor_in_its_middle(env):
 
 def test_pictures_change_nothing_in_the_episode(env):
     plain = NavigationEnv(world="dynamic", movers=0)
-    env.reset(seed=1), plain.reset(seed=1)
+    env.reset(seed=1)
+    plain.reset(seed=1)
     for _ in range(10):
         env.render()
         one, other = env.step(FORWARD), plain.step(FORWARD)

@@ -106,7 +106,8 @@ def test_bad_actions_and_seeds_are_refused():
 def test_without_a_seed_the_first_episodes_differ():
     one, two = ArenaVectorEnv(arena(4)), ArenaVectorEnv(arena(4))
     assert (one.reset()[0] != two.reset()[0]).any()
-    one.reset(seed=7), two.reset(seed=7)
+    one.reset(seed=7)
+    two.reset(seed=7)
     np.testing.assert_array_equal(one.reset()[0], two.reset()[0])
 
 

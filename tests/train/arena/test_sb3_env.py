@@ -1,3 +1,6 @@
+# pyright: reportMissingImports=false, reportOptionalMemberAccess=false
+# (stable-baselines3 has an environment of its own.)
+
 import time
 
 import gymnasium
@@ -11,7 +14,7 @@ from train.arena.gym_env import ArenaVectorEnv, make_arena_env
 from vuca_nav.errors import BadArgument
 
 try:
-    import stable_baselines3 as sb3  # pyright: ignore[reportMissingImports]
+    import stable_baselines3 as sb3
 except ModuleNotFoundError:
     sb3 = None
 needs_sb3 = pytest.mark.skipif(sb3 is None, reason="stable-baselines3 has an environment of its own: make test-sb3")
