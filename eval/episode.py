@@ -222,9 +222,7 @@ class Episode:
             set_up_time=set_up_time,
         )
 
-    def _why(
-        self, outcome: Outcome, simulation: Simulation, trail: Trail, metrics: Metrics
-    ) -> Failure | None:
+    def _why(self, outcome: Outcome, simulation: Simulation, trail: Trail, metrics: Metrics) -> Failure | None:
         """Why the mission ended by a fall or out of time; None if it did not."""
         if outcome not in ("fall", "timeout"):
             return None

@@ -10,7 +10,6 @@ import mujoco
 import numpy as np
 
 from vuca_nav.kernel_cache import njit
-
 from vuca_nav.types import FloatArray
 
 _LEAST_NORMAL = 0.2

@@ -144,7 +144,8 @@ class Shard:
         self._settings = EpisodeSettings(
             np.trim_zeros(np.array(config.shares), "b"), np.array(config.body_shares), MOVING_KINDS, config.movers,
             config.mover_speeds, flaws.latency, config.time_factor, config.time_slack, MOVER_DISTANCE,
-            flaws.response_spread, flaws.velocity_noise, flaws.odometry_scale, flaws.odometry_turn, flaws.pose_sigma, flaws.yaw_sigma,
+            flaws.response_spread, flaws.velocity_noise, flaws.odometry_scale, flaws.odometry_turn, flaws.pose_sigma,
+            flaws.yaw_sigma,
         )  # fmt: skip
         self._flaws = SensorFlaws(
             _noise_table(config), np.ascontiguousarray(bodies.limits[:, :, HIGHEST]), lidar.min_range,
