@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
+from vuca_nav.data_files import read_bytes
 from vuca_nav.errors import BadArgument, BadWeights, UnknownName
 from vuca_nav.exploration.critic import SHIPPED, CriticWeights, LearnedCritic, load_critic, value_network
 from vuca_nav.exploration.explorer import ExplorerConfig
@@ -23,6 +24,7 @@ from vuca_nav.policy.dynamic_window import DynamicWindow
 from vuca_nav.policy.learned import LearnedPolicy
 from vuca_nav.policy.network import Gate, PolicyNetwork
 from vuca_nav.policy.weights_file import WEIGHTS_FOLDER, PolicyWeights, load_weights
+from vuca_nav.safetensors_file import MOST_BYTES
 from vuca_nav.shield.shield import Shield
 from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import BodySpec, LidarSpec
@@ -380,10 +382,7 @@ def settings_of(navigator: Navigator) -> dict[str, Any]:
 
 
 def _digest(path: Path) -> str:
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:
-        raise BadWeights(f"cannot read the weights {path}: {error.strerror}") from error
+    return hashlib.sha256(read_bytes(path, MOST_BYTES, BadWeights)).hexdigest()
 
 
 def _stem_or_path(path: Path | str | None) -> str | None:

@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 from dataclasses import asdict
 from pathlib import Path
 from typing import NamedTuple
@@ -20,9 +21,10 @@ from robots.locomotion.kernels import (
     TURN_TRIM_LIMIT,
 )
 from robots.locomotion.odometry import VELOCITY_GAIN
+from vuca_nav.data_files import shown
 from vuca_nav.errors import BadWeights, VucaError
 from vuca_nav.kernel_cache import njit
-from vuca_nav.safetensors_file import checked, present, read_weights
+from vuca_nav.safetensors_file import checked_all, present, read_weights
 
 FORMAT = "vuca-gait-1"
 WEIGHTS_FOLDER = Path(__file__).parent / "weights"
@@ -118,21 +120,21 @@ def load_policy(config: QuadrupedConfig, path: Path | None = None) -> PolicyNetw
         path: File of the weights; by default those shipped.
 
     Raises:
-        BadWeights: If the file is missing, is not safetensors, lacks a tensor or has one of another shape or
-            type or with a number that is not finite in single precision, or belongs to another robot or another
-            nominal gait.
+        BadWeights: If the file is missing, is not safetensors, lacks a tensor or has one too many, or one of another
+            shape or type or with a number that is not finite in single precision, or belongs to another robot or
+            another nominal gait.
     """
     path = path or WEIGHTS_FOLDER / config.weights
     name = config.spec.name
-    if not path.is_file():
+    if not os.path.exists(path):
         raise BadWeights(
             f"no gait weights for {name!r} at {path}; make them with: vuca train locomotion --robot {name}"
         )
     tensors, metadata = read_weights(path)
     for key, right in (("format", FORMAT), ("robot", name), ("gait", gait_contract(config))):
         if metadata.get(key) != right:
-            raise BadWeights(f"{path}: {key} is {metadata.get(key)!r}, expected {right!r}")
-    return PolicyNetwork({key: checked(path, tensors, key, shape) for key, shape in _shapes(path, tensors).items()})
+            raise BadWeights(f"{path}: {key} is {shown(repr(metadata.get(key)), 1000)}, expected {right!r}")
+    return PolicyNetwork(checked_all(path, tensors, _shapes(path, tensors)))
 
 
 def _shapes(path: Path, tensors: dict[str, np.ndarray]) -> dict[str, tuple[int, ...]]:

@@ -1,11 +1,13 @@
 """V^h (Zhang et al., Section III-C): the chance of reaching a place unharmed, or a policy's own value of it."""
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vuca_nav.data_files import shown
 from vuca_nav.errors import BadWeights
 from vuca_nav.exploration.heuristic import Critic
 from vuca_nav.geometry import inverse, transform_points
@@ -69,11 +71,11 @@ def load_critic(path: Path) -> CriticWeights:
         BadWeights: If the file is missing, is not safetensors, is of another format, lacks a tensor or has one too
             many, or one of another shape or type or with a number that is not finite in single precision.
     """
-    if not path.is_file():
+    if not os.path.exists(path):
         raise BadWeights(f"no weights of a critic at {path}; make them with: vuca train critic")
     tensors, metadata = read_weights(path)
     if metadata.get("format") != FORMAT:
-        raise BadWeights(f"{path}: format is {metadata.get('format')!r}, expected {FORMAT!r}")
+        raise BadWeights(f"{path}: format is {shown(repr(metadata.get('format')))}, expected {FORMAT!r}")
     observation = observation_config(path, metadata)
     shapes = layer_shapes(path, tensors, "", observation.size, 1, LAYERS)
     good = checked_all(path, tensors, shapes)

@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from vuca_nav.checks import check_fields, check_positive
+from vuca_nav.checks import check_fields
 from vuca_nav.errors import BadArgument
 from vuca_nav.footprint import outline_ranges
 from vuca_nav.kernel_cache import njit
@@ -44,8 +44,11 @@ TWIST_LIMIT = 2.0
 SPEED_SCALE, TURN_SCALE, ACCELERATION_SCALE = 1.5, 3.0, 3.0
 """Scales of the body vector [m/s, rad/s, m/s^2]: about the greatest of the bodies in use."""
 
-MOST_SECTORS, MOST_HISTORY = 1440, 64
-"""Greatest values of a configuration: a weights file brings its own, and must not ask for all memory."""
+MOST_SECTORS, MOST_HISTORY, MOST_SPACING = 1440, 64, 2.0
+"""Greatest values of a configuration, the last in seconds: a weights file brings its own, and must not ask for all
+memory."""
+MOST_RANGE = 1000.0
+"""Greatest ``max_range`` [m], beyond that of any lidar."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +75,8 @@ class ObservationConfig:
         """Raise BadArgument for a setting out of its range."""
         for name, most in (("sectors", MOST_SECTORS), ("history", MOST_HISTORY)):
             check_fields(self, f"1 to {most}", lambda n, most=most: isinstance(n, int) and 1 <= n <= most, name)
-        check_positive(self, "max_range", "spacing")
+        for name, most in (("max_range", MOST_RANGE), ("spacing", MOST_SPACING)):
+            check_fields(self, f"above 0 and at most {most:g}", lambda n, most=most: 0.0 < n <= most, name)
         if self.kind not in get_args(Kind):
             raise BadArgument(f"an observation is of kind {' or '.join(get_args(Kind))}, got {self.kind!r}")
 

@@ -3,13 +3,14 @@
 An observation of kind ``frames`` goes with the network of Long et al., any other with the fused one.
 """
 
-import json
+import os
 from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vuca_nav.data_files import parse_json, shown
 from vuca_nav.errors import BadArgument, BadWeights
 from vuca_nav.policy.drl_network import CONVOLUTIONS, OUTPUTS, convolved_size, network_shapes
 from vuca_nav.policy.observation import ObservationConfig
@@ -20,6 +21,8 @@ WEIGHTS_FOLDER = Path(__file__).parent / "weights"
 ACTION_SIZE = 3
 LAYERS = 3
 ACTIVATIONS = ("relu", "elu")
+MOST_EXPERTS = 64
+"""Greatest number of experts; the paper has four. The gate and the telemetry take some time for each."""
 
 Single = NDArray[np.float32]
 
@@ -64,14 +67,14 @@ def load_weights(path: Path) -> PolicyWeights:
         BadWeights: If the file is missing, is not safetensors, is of another format, lacks a tensor or has one too
             many, or one of another shape or type or with a number that is not finite in single precision.
     """
-    if not path.is_file():
+    if not os.path.exists(path):
         raise BadWeights(f"no policy weights at {path}; make them with: vuca train all")
     tensors, metadata = read_weights(path)
     if metadata.get("format") != FORMAT:
-        raise BadWeights(f"{path}: format is {metadata.get('format')!r}, expected {FORMAT!r}")
+        raise BadWeights(f"{path}: format is {shown(repr(metadata.get('format')))}, expected {FORMAT!r}")
     activation = metadata.get("activation")
     if activation not in ACTIVATIONS:
-        raise BadWeights(f"{path}: activation is {activation!r}, expected one of {', '.join(ACTIVATIONS)}")
+        raise BadWeights(f"{path}: activation is {shown(repr(activation))}, expected one of {', '.join(ACTIVATIONS)}")
     observation = observation_config(path, metadata)
     if observation.kind == "frames":
         return _convolutional(path, observation, activation, tensors, metadata)
@@ -80,6 +83,8 @@ def load_weights(path: Path) -> PolicyWeights:
     if first.ndim != 3 or 0 in first.shape:
         raise BadWeights(f"{path}: tensor 'weight_0' has shape {first.shape}, expected (experts, hidden units, {x})")
     experts = first.shape[0]
+    if experts > MOST_EXPERTS:
+        raise BadWeights(f"{path}: tensor 'weight_0' has {experts} experts, at most {MOST_EXPERTS} are read")
     shapes: dict[str, tuple[int, ...]] = {"mean": (x,), "scale": (x,)}
     shapes |= layer_shapes(path, tensors, "", x, ACTION_SIZE, LAYERS, (experts,))
     shapes |= layer_shapes(path, tensors, "critic_", x, 1, LAYERS)
@@ -141,14 +146,21 @@ def observation_config(path: Path, metadata: dict[str, str]) -> ObservationConfi
     Raises:
         BadWeights: If the file does not say.
     """
-    names = {entry.name for entry in fields(ObservationConfig)}
+    types: dict[str, tuple[type, ...]] = {
+        entry.name: {int: (int,), float: (int, float)}.get(entry.type, (str,))  # type: ignore[call-overload]
+        for entry in fields(ObservationConfig)
+    }
+    source = f"{path}: its observation is not one"
+    content = parse_json(metadata.get("observation", ""), source, BadWeights)
+    if not isinstance(content, dict) or set(content) != set(types):
+        raise BadWeights(f"{path}: observation is {shown(content)}, expected the fields {', '.join(sorted(types))}")
+    for name, value in content.items():
+        if not isinstance(value, types[name]) or isinstance(value, bool):
+            raise BadWeights(f"{source}: {name} is {shown(repr(value))}, expected {types[name][-1].__name__}")
     try:
-        content = json.loads(metadata.get("observation", ""))
-        if not isinstance(content, dict) or set(content) != names:
-            raise BadWeights(f"{path}: observation is {content!r}, expected the fields {', '.join(sorted(names))}")
         return ObservationConfig(**content)
-    except (ValueError, TypeError, BadArgument) as error:
-        raise BadWeights(f"{path}: its observation is not one: {error}") from error
+    except (OverflowError, BadArgument) as error:
+        raise BadWeights(f"{source}: {shown(error, 200)}") from error
 
 
 def layer_shapes(
