@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from vuca_nav.data_files import parse_json, read_text
 from vuca_nav.errors import BadArgument
 from vuca_nav.files import write_whole
 
@@ -34,16 +35,12 @@ def read_config(directory: Path) -> StoredConfig:
         BadArgument: The file is missing, or is not the configuration of an evaluation.
     """
     path = directory / "config.json"
-    try:
-        stored = json.loads(path.read_text())
-    except OSError as error:
-        raise BadArgument(f"{path} cannot be read: {error.strerror}; give the directory of a vuca eval") from None
-    except ValueError:
-        stored = None
+    wrong = f"{path} is not the configuration of an evaluation"
+    stored = parse_json(read_text(path, BadArgument), wrong, BadArgument)
     parts = stored if isinstance(stored, dict) else {}
     config, made_by, runs = parts.get("config"), parts.get("made_by"), parts.get("runs", [])
     if not (isinstance(config, dict) and isinstance(made_by, dict) and isinstance(runs, list)):
-        raise BadArgument(f"{path} is not the configuration of an evaluation")
+        raise BadArgument(wrong)
     return StoredConfig(config, made_by, runs)
 
 

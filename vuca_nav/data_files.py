@@ -46,17 +46,17 @@ def read_bytes(path: str | Path, most: int, wrong: type[VucaError]) -> bytes:
                 raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
             if not stat.S_ISREG(mode):
                 kind = next((name for test, name in _KINDS if test(mode)), "something else")
-                raise wrong(f"{path}: {kind}; the path of a regular file would be right")
+                raise wrong(f"{path} is {kind}; the path of a regular file would be right")
             while len(content) <= most and (chunk := os.read(file, _CHUNK)):
                 content += chunk
         finally:
             os.close(file)
     except OSError as error:
-        raise wrong(f"{path}: {error.strerror}; the path of a readable file would be right") from error
+        raise wrong(f"{path} cannot be read: {error.strerror}; the path of a readable file would be right") from error
     except ValueError as error:  # a NUL in the path
-        raise wrong(f"{str(path)!r}: {error}; the path of a readable file would be right") from error
+        raise wrong(f"{str(path)!r} cannot be read: {error}; the path of a readable file would be right") from error
     if len(content) > most:
-        raise wrong(f"{path}: larger than {most / 2**20:g} MiB, which is the most that is read of such a file")
+        raise wrong(f"{path} is larger than {most / 2**20:g} MiB, which is the most that is read of such a file")
     return bytes(content)
 
 

@@ -15,12 +15,15 @@ from eval.analysis.statistics import mcnemar_exact, paired_difference
 from eval.analysis.summary import dials_in_words
 from eval.episode import OUTCOMES
 from eval.store import Row
+from vuca_nav.data_files import parse_json, read_text
 from vuca_nav.errors import BadArgument
 
 EPISODE = ("world", "region", "movers", "speed", "sighted", "without", "robot", "start", "goal", "seed")
 """The fields of a row that make two rows the same episode."""
 _ADDED_LATER = {"speed": 1.0, "sighted": None}
 """Fields that older evaluations do not have, and what they mean by that."""
+MOST_ROWS = 2**30
+"""Greatest size of the rows of an evaluation [bytes]: those of half a million episodes."""
 
 
 def read_episodes(folder: Path, seeds: range | None = None) -> dict[str, Row]:
@@ -34,15 +37,20 @@ def read_episodes(folder: Path, seeds: range | None = None) -> dict[str, Row]:
         BadArgument: There are none, or they cannot be read.
     """
     path = folder / "episodes.jsonl"
+    wrong = f"{path} is not a list of episodes"
+    lines = read_text(path, BadArgument, MOST_ROWS).splitlines()
     try:
-        rows = [{**_ADDED_LATER, **json.loads(line)} for line in path.read_text().splitlines()]
+        rows = [
+            {**_ADDED_LATER, **parse_json(line, f"{wrong}: line {n}", BadArgument)}
+            for n, line in enumerate(lines, start=1)
+        ]
         if seeds is not None:
             rows = [row for row in rows if row["seed"] in seeds]
         episodes: dict[str, Row] = {json.dumps([row[key] for key in EPISODE]): row for row in rows}
         if not all(isinstance(row["outcome"], str) for row in rows):
             raise ValueError("outcomes must be text")
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise BadArgument(f"{path} is not a list of episodes: {error}") from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise BadArgument(f"{wrong}: {error}") from error
     if not episodes:
         raise BadArgument(f"{path} has no episodes{'' if seeds is None else ' of these seeds'}")
     return episodes

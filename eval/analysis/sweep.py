@@ -4,7 +4,6 @@
 line for each robot and method in them.
 """
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -17,6 +16,7 @@ from eval.episode import OUTCOMES
 from eval.methods import title_of
 from eval.store import Row
 from vuca_nav.cli import run_module
+from vuca_nav.data_files import read_json
 from vuca_nav.errors import BadArgument, UnknownName
 
 
@@ -76,10 +76,10 @@ def read_groups(folder: Path) -> list[Row]:
     """
     path = folder / "summary.json"
     try:
-        summary = json.loads(path.read_text())
+        summary = read_json(path, BadArgument)
         return [{**group, "options": summary.get("options")} for group in summary["groups"]]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise BadArgument(f"{path} is not the summary of a complete evaluation: {error}") from error
+    except (BadArgument, KeyError, TypeError) as error:
+        raise BadArgument(f"{folder} has not the summary of a complete evaluation: {error}") from error
 
 
 def draw(panels: dict[str, dict[str, list[Point]]], path: Path, over: str = "movers") -> None:

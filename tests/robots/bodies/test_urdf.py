@@ -87,3 +87,13 @@ def test_a_missing_asset_is_named():
         asset("package://other/mesh.stl")
     uri = "package://example-robot-data/robots/tiago_description/meshes/pmb2/wheels/wheel.stl"
     assert asset(uri).name == "wheel.stl"
+
+
+def test_a_description_with_entities_is_refused(tmp_path):
+    file = tmp_path / "bomb.urdf"
+    levels = "".join(f'<!ENTITY a{k + 1} "{f"&a{k};" * 10}">' for k in range(9))
+    file.write_text(f'<!DOCTYPE r [<!ENTITY a0 "x">{levels}]><robot name="&a9;"/>')
+    with pytest.raises(BadUrdf, match="declares a document type"):
+        read_urdf(file)
+    with pytest.raises(BadUrdf, match="Is a directory"):
+        read_urdf(tmp_path)

@@ -426,7 +426,7 @@ def test_obstacles_many_layers_deep_are_refused(tmp_path):
 
 def test_a_scene_is_read_from_a_regular_file_only(tmp_path):
     os.mkfifo(tmp_path / "pipe.yaml")
-    with pytest.raises(BadWorld, match=r"pipe.yaml: a pipe; the path of a regular file"):
+    with pytest.raises(BadWorld, match=r"pipe.yaml is a pipe; the path of a regular file"):
         load_scene(tmp_path / "pipe.yaml")
     (tmp_path / "mark.yaml").write_bytes(b"\xef\xbb\xbf" + yaml.safe_dump(SMALL).encode())
     assert load_scene(tmp_path / "mark.yaml").name == "small"
