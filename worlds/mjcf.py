@@ -31,6 +31,8 @@ _COLOURS = {
     "low": (0.85, 0.70, 0.20, 1.0),
 }
 _MOVER_COLOUR = (0.80, 0.35, 0.25, 1.0)
+_LEAST_NORMAL = 2.2250738585072014e-308
+"""Least normal number of double precision."""
 
 
 def obstacle_name(index: int, kind: str) -> str:
@@ -68,7 +70,7 @@ def build_arena(world: World) -> RootElement:
             "geom",
             name=obstacle_name(index, obstacle.kind),
             pos=_centre(shape),
-            euler=(0.0, 0.0, _yaw(shape)),
+            euler=(0.0, 0.0, _written(_yaw(shape))),
             rgba=_COLOURS[obstacle.kind],
             **_geometry(shape),
         )
@@ -81,8 +83,8 @@ def build_arena(world: World) -> RootElement:
                 "body",
                 name=name,
                 mocap="true",
-                pos=(mover.start.x + c * x - s * y, mover.start.y + s * x + c * y, z),
-                euler=(0.0, 0.0, mover.start.yaw + _yaw(part.shape)),
+                pos=(_written(mover.start.x + c * x - s * y), _written(mover.start.y + s * x + c * y), z),
+                euler=(0.0, 0.0, _written(mover.start.yaw + _yaw(part.shape))),
             )
             body.add("geom", name=name, rgba=_MOVER_COLOUR, **_geometry(part.shape))
     arena.compiler.angle = "radian"
@@ -90,7 +92,12 @@ def build_arena(world: World) -> RootElement:
 
 
 def _centre(shape: Shape) -> tuple[float, float, float]:
-    return shape.x, shape.y, shape.base + shape.height / 2.0
+    return _written(shape.x), _written(shape.y), shape.base + shape.height / 2.0
+
+
+def _written(number: float) -> float:
+    """The number as MuJoCo reads it: one below the least normal float is an error to it, and here 0."""
+    return number if abs(number) >= _LEAST_NORMAL else 0.0
 
 
 def _yaw(shape: Shape) -> float:

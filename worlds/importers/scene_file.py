@@ -101,7 +101,7 @@ def _numbers(value: Any, where: str = "") -> Iterator[tuple[str, float]]:
     """All floats of a document, each with its path."""
     if isinstance(value, Mapping):
         for key, item in value.items():
-            yield from _numbers(item, f"{where}.{key}" if where else str(key))
+            yield from _numbers(item, f"{where}.{shown(key)}" if where else shown(key))
     elif isinstance(value, list):
         for i, item in enumerate(value):
             yield from _numbers(item, f"{where}[{i}]")
@@ -119,7 +119,7 @@ def _field(error: ValidationError) -> str:
     """Path of the field that an error is about; empty for the whole file."""
     field = ""
     for part in error.absolute_path:
-        field += f"[{part}]" if isinstance(part, int) else f".{part}" if field else str(part)
+        field += f"[{part}]" if isinstance(part, int) else f".{shown(part)}" if field else shown(part)
     return field
 
 

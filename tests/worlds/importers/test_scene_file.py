@@ -338,15 +338,25 @@ def test_other_names_are_kept_and_compiled(tmp_path, name):
     mujoco.MjModel.from_xml_string(build_arena(world).to_xml_string())  # type: ignore[attr-defined]
 
 
+def test_numbers_that_are_nearly_zero_compile(tmp_path):
+    """MuJoCo takes a subnormal number in XML for one that is too large."""
+    document = changed(("obstacles", 0, "shape", "yaw"), 1e-320)
+    document["movers"][0]["start"]["yaw"] = document["obstacles"][1]["shape"]["base"] = 5e-324
+    document["movers"][1]["parts"][0]["shape"]["y"] = 1e-310
+    world = load_scene(write(tmp_path, document))
+    mujoco.MjModel.from_xml_string(build_arena(world).to_xml_string())  # type: ignore[attr-defined]
+
+
 def test_an_unknown_field_gets_a_guess_and_a_short_line(tmp_path):
     document = changed(("obstacles", 1, "shape", "radius"), ...)
     document["obstacles"][1]["shape"]["radios"] = 0.5
     text = refusal(tmp_path, document)
     assert "obstacles[1].shape: unknown field radios; its fields are type, x, y, radius, " in text
     assert "did you mean 'radius'?" in text
-    text = refusal(tmp_path, {**SMALL, "\x1b[2J" + "y" * 1000: 1})
-    assert "\x1b" not in text
-    assert len(text) < 300
+    for document in ({**SMALL, "\x1b[2J" + "y" * 1000: 1}, {**SMALL, "start": {"\x1b[2J": math.inf}}):
+        text = refusal(tmp_path, document)
+        assert "\x1b" not in text
+        assert len(text) < 300
 
 
 def test_a_list_that_is_too_long_is_refused_without_being_shown(tmp_path):
