@@ -1,13 +1,12 @@
 """Visual meshes for telemetry: read once through trimesh, thinned out, merged by colour, kept in a cache.
 
-The cache is ``$XDG_CACHE_HOME/vuca-nav/meshes`` (``~/.cache`` by default): one ``.npz`` a mesh, named by the hash of
-the file's content and of how it was thinned, written to a temporary name and then moved, so that two processes
-that start together cannot read a half-written file. Without a writable cache the meshes are converted each time.
+The cache is the folder ``meshes`` of ``vuca_nav.caches``: one sealed ``.npz`` a mesh, named by the hash of the file's
+content and of how it was thinned, so that processes that start together cannot read a half-written file. A damaged
+file is made again. Without a writable cache the meshes are converted each time.
 """
 
 import hashlib
 import io
-import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
@@ -17,20 +16,14 @@ from numpy.typing import NDArray
 
 from robots.bodies.assets import MissingAsset, asset
 from robots.bodies.urdf import Urdf, Visual
-from vuca_nav.files import write_whole
+from vuca_nav.caches import cache_folder, read_sealed, write_sealed
 from vuca_nav.telemetry.interface import MeshPart
 from vuca_nav.types import FloatArray
 
-_FORMAT = "1"
-"""Version of the thinning: it changes with it, so that old entries are not found."""
+_FORMAT = "2"
+"""Version of the thinning and of the file: it changes with them, so that old entries are not found."""
 _CELL = 0.008
 """Distance below which vertices are merged [m]: TIAGo shrinks from 106,000 triangles to 25,000 and looks the same."""
-
-
-def cache_folder() -> Path:
-    """Folder of the converted meshes."""
-    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(base) / "vuca-nav" / "meshes"
 
 
 def load_mesh(file: Path, cell: float = _CELL) -> tuple[FloatArray, NDArray[np.int64]]:
@@ -41,12 +34,11 @@ def load_mesh(file: Path, cell: float = _CELL) -> tuple[FloatArray, NDArray[np.i
     """
     content = file.read_bytes()
     key = hashlib.sha256(content + f"{_FORMAT} {cell} {file.suffix}".encode()).hexdigest()[:32]
-    cached = cache_folder() / f"{key}.npz"
-    try:
-        with np.load(cached, allow_pickle=False) as arrays:
+    folder = cache_folder("meshes")
+    packed = None if folder is None else read_sealed(folder / f"{key}.npz")
+    if packed is not None:
+        with np.load(io.BytesIO(packed), allow_pickle=False) as arrays:
             return arrays["vertices"], arrays["faces"]
-    except (OSError, ValueError, KeyError):
-        pass  # not there yet, or not readable: convert
     try:
         mesh = trimesh.load(file, force="mesh")
     except Exception as error:  # trimesh lets every parser's own errors through
@@ -55,7 +47,10 @@ def load_mesh(file: Path, cell: float = _CELL) -> tuple[FloatArray, NDArray[np.i
     if len(faces) == 0:
         raise MissingAsset(f"{file} holds no triangles")
     vertices, faces = _thinned(vertices, faces, cell)
-    _store(cached, vertices, faces)
+    if folder is not None:
+        archive = io.BytesIO()
+        np.savez_compressed(archive, vertices=vertices, faces=faces)
+        write_sealed(folder / f"{key}.npz", archive.getvalue())
     return vertices, faces
 
 
@@ -129,13 +124,3 @@ def _concatenated(
         all_faces.append(faces + offset)
         offset += len(vertices)
     return np.concatenate(all_vertices), np.concatenate(all_faces)
-
-
-def _store(file: Path, vertices: FloatArray, faces: NDArray[np.int64]) -> None:
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        packed = io.BytesIO()
-        np.savez_compressed(packed, vertices=vertices, faces=faces)
-        write_whole(file, packed.getvalue())
-    except OSError:
-        return  # a cache that cannot be written only costs time

@@ -1,9 +1,11 @@
+import pwd
+
 import numpy as np
 import pytest
 import trimesh
 
 from robots.bodies.assets import MissingAsset, asset
-from robots.bodies.meshes import cache_folder, load_mesh
+from robots.bodies.meshes import load_mesh
 
 WHEEL = "tiago_description/meshes/pmb2/wheels/wheel.stl"
 
@@ -23,23 +25,35 @@ def test_thinning_keeps_the_shape_and_drops_triangles():
     assert faces.max() == len(vertices) - 1
 
 
-def test_the_cache_gives_the_same_mesh_and_survives_being_broken():
+@pytest.mark.parametrize("damage", [lambda data: b"", lambda data: data[:500], lambda data: data[:-900] + data[-899:]])
+def test_the_cache_gives_the_same_mesh_and_is_made_again_if_it_is_damaged(tmp_path, caplog, damage):
     first = load_mesh(asset(WHEEL))
-    (entry,) = cache_folder().iterdir()
+    (entry,) = (tmp_path / "cache" / "vuca-nav" / "meshes").iterdir()
     second = load_mesh(asset(WHEEL))
-    entry.write_bytes(b"not an archive")
+    assert not caplog.records
+    whole = entry.read_bytes()
+    entry.write_bytes(damage(whole))
     third = load_mesh(asset(WHEEL))
+    assert [record.getMessage() for record in caplog.records] == [f"{entry} is damaged; it is made again"]
     for a, b, c in zip(first, second, third):
         np.testing.assert_array_equal(a, b)
         np.testing.assert_array_equal(a, c)
-    assert [file.suffix for file in cache_folder().iterdir()] == [".npz"]  # no temporary files left
+    assert [file.suffix for file in entry.parent.iterdir()] == [".npz"]  # no temporary files left
+    assert len(entry.read_bytes()) == len(whole)
 
 
-def test_works_without_a_writable_cache(monkeypatch, tmp_path):
+def test_works_without_a_place_for_the_cache(monkeypatch, tmp_path):
+    def unknown(_):
+        raise KeyError
+
     (tmp_path / "file").write_text("")
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "file"))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    vertices, _ = load_mesh(asset(WHEEL))
-    assert len(vertices) > 100
+    assert len(load_mesh(asset(WHEEL))[0]) > 100
+    for name in ("XDG_CACHE_HOME", "HOME"):
+        monkeypatch.delenv(name)
+    monkeypatch.setattr(pwd, "getpwuid", unknown)  # a user that the system does not know
+    assert len(load_mesh(asset(WHEEL))[0]) > 100
 
 
 def test_a_file_that_is_no_mesh_is_named(tmp_path):
