@@ -55,7 +55,7 @@ def outline_ranges(footprint: FloatArray, num_beams: int) -> FloatArray:
     if not (offsets > 0.0).all():
         raise BadArgument("a footprint must be convex, counter-clockwise and enclose base_link's origin")
     angles = -np.pi + np.arange(num_beams) * (2.0 * np.pi / num_beams)
-    approach = np.column_stack([np.cos(angles), np.sin(angles)]) @ normals.T  # (num_beams, k)
+    approach = np.outer(np.cos(angles), normals[:, 0]) + np.outer(np.sin(angles), normals[:, 1])  # (num_beams, k)
     with np.errstate(divide="ignore"):
         distances = np.where(approach > 1e-12, offsets / approach, np.inf)
     return distances.min(axis=1)

@@ -36,7 +36,17 @@ def between(a_from_b: Pose2, a_from_c: Pose2) -> Pose2:
 def transform_points(a_from_b: Pose2, points_in_b: FloatArray) -> FloatArray:
     """Points (n, 2) in frame b, given in frame a."""
     c, s = math.cos(a_from_b.yaw), math.sin(a_from_b.yaw)
-    return points_in_b @ np.array([[c, s], [-s, c]]) + (a_from_b.x, a_from_b.y)
+    points_along_a = multiplied(np.array([[c, -s], [s, c]]), points_in_b)
+    return points_along_a + np.array([a_from_b.x, a_from_b.y])
+
+
+def multiplied(matrix: FloatArray, points: FloatArray) -> FloatArray:
+    """Points or vectors (n, 2), each multiplied by a matrix (2, 2).
+
+    Not by ``@``: BLAS adds and rounds in the way of the processor's type.
+    """
+    x, y = points[:, 0], points[:, 1]
+    return np.column_stack([row[0] * x + row[1] * y for row in matrix])
 
 
 def distance(a: Pose2 | tuple[float, float], b: Pose2 | tuple[float, float]) -> float:

@@ -35,7 +35,8 @@ class Inertia:
     def transformed(self, a_from_b: FloatArray) -> "Inertia":
         """Give the same inertia in frame a instead of b; ``a_from_b`` is (4, 4)."""
         rotation = a_from_b[:3, :3]
-        return Inertia(self.mass, rotation @ self.centre + a_from_b[:3, 3], rotation @ self.tensor @ rotation.T)
+        centre = (rotation * self.centre).sum(axis=1) + a_from_b[:3, 3]
+        return Inertia(self.mass, centre, _product(rotation, self.tensor, rotation.T))
 
     def mjcf(self) -> dict[str, Any]:
         """Attributes of the ``inertial`` element of a body with this frame."""
@@ -54,7 +55,7 @@ def combine(inertias: Iterable[Inertia]) -> Inertia:
     tensor = np.zeros((3, 3))
     for piece in pieces:
         d = piece.centre - centre
-        tensor += piece.tensor + piece.mass * (d @ d * np.eye(3) - np.outer(d, d))
+        tensor += piece.tensor + piece.mass * ((d * d).sum() * np.eye(3) - np.outer(d, d))
     return Inertia(mass, centre, tensor)
 
 
@@ -113,7 +114,7 @@ class Joint:
             motion[:3, 3] = position * self.axis
         elif self.kind in ("revolute", "continuous"):
             motion[:3, :3] = _axis_rotation(self.axis, position)
-        return self.parent_from_joint @ motion
+        return _product(self.parent_from_joint, motion)
 
 
 @dataclass(frozen=True)
@@ -130,7 +131,10 @@ class Urdf:
 
     def transform(self, frame: str, link: str, positions: Mapping[str, float]) -> FloatArray:
         """Compute ``frame_from_link`` at the given joint positions (others at zero), (4, 4)."""
-        return np.linalg.inv(self._root_from(frame, positions)) @ self._root_from(link, positions)
+        root_from_frame, frame_from_root = self._root_from(frame, positions), np.eye(4)
+        rotation = root_from_frame[:3, :3].T
+        frame_from_root[:3, :3], frame_from_root[:3, 3] = rotation, -(rotation * root_from_frame[:3, 3]).sum(axis=1)
+        return _product(frame_from_root, self._root_from(link, positions))
 
     def fuse(self, frame: str, links: Iterable[str], positions: Mapping[str, float]) -> Inertia:
         """Fuse links, frozen at the given joint positions, into one body in link ``frame``'s frame."""
@@ -142,7 +146,7 @@ class Urdf:
         joint = self._joint_above.get(link)
         if joint is None:
             return np.eye(4)
-        return self._root_from(joint.parent, positions) @ joint.transform(positions.get(joint.name, 0.0))
+        return _product(self._root_from(joint.parent, positions), joint.transform(positions.get(joint.name, 0.0)))
 
 
 def read_urdf(path: Path) -> Urdf:
@@ -246,7 +250,7 @@ def _origin(element: ElementTree.Element) -> FloatArray:
         transform[:3, 3] = _numbers(origin.get("xyz", "0 0 0"), 3)
         roll, pitch, yaw = _numbers(origin.get("rpy", "0 0 0"), 3)
         x, y, z = np.eye(3)
-        transform[:3, :3] = _axis_rotation(z, yaw) @ _axis_rotation(y, pitch) @ _axis_rotation(x, roll)
+        transform[:3, :3] = _product(_axis_rotation(z, yaw), _axis_rotation(y, pitch), _axis_rotation(x, roll))
     return transform
 
 
@@ -264,9 +268,16 @@ def _numbers(text: str, count: int) -> FloatArray:
 
 def _axis_rotation(axis: FloatArray, angle: float) -> FloatArray:
     """Rotation about an axis by Rodrigues' formula; a zero axis gives the identity."""
-    length = float(np.linalg.norm(axis))
+    length = math.sqrt((axis * axis).sum())
     if length == 0.0:
         return np.eye(3)
     x, y, z = axis / length
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross
+    return np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * _product(cross, cross)
+
+
+def _product(first: FloatArray, *others: FloatArray) -> FloatArray:
+    """Matrix product. BLAS adds and rounds in the way of the processor's type, and the model would be another."""
+    for other in others:
+        first = (first[:, :, None] * other[None]).sum(axis=1)
+    return first

@@ -5,7 +5,6 @@ from enum import Enum, auto
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from robots.locomotion.kernels import (
     ACTION_SIZE,
@@ -21,6 +20,7 @@ from robots.locomotion.kernels import (
 from robots.locomotion.model import QuadrupedModel
 from robots.locomotion.network import BadObservation, PolicyNetwork, forward, refuse_bad
 from robots.locomotion.odometry import VELOCITY_GAIN
+from vuca_nav.kernel_cache import njit
 from vuca_nav.types import FloatArray, VelocityCommand
 
 FOLD_TIME = 0.3
@@ -181,7 +181,7 @@ class Gait:
             self._rise(up)
         else:
             state.wanted[:] = command
-            yaw_rate = float(gyro @ up)
+            yaw_rate = float(gyro[0] * up[0] + gyro[1] * up[1] + gyro[2] * up[2])
             bad = _walk(self._legs, self._tuning, gyro, up, q, dq, yaw_rate, state, self._policy.layers)
             refuse_bad(bad, state.observation)
         return state.targets

@@ -4,11 +4,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from robots.bodies.kinematics import heading_rate
 from robots.noise import NoiseConfig
 from vuca_nav.geometry import wrap_angle
+from vuca_nav.kernel_cache import njit
 from vuca_nav.types import FloatArray, Odometry, Pose2, Twist2
 
 VELOCITY_GAIN = 0.3
@@ -95,7 +95,8 @@ class LegSensors:
             self._next = 0
         _sample(gyro, attitude, q, dq, self._normal[self._next], self.flaws, self._readings)
         self._next += 1
-        self.up /= math.sqrt(self.up @ self.up)
+        x, y, z = self.up.tolist()
+        self.up /= math.sqrt(x * x + y * y + z * z)
 
 
 @njit(cache=True)

@@ -1,17 +1,20 @@
 """V^h (Zhang et al., Section III-C): the chance of reaching a place unharmed, or a policy's own value of it."""
 
+import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vuca_nav.data_files import shown
 from vuca_nav.errors import BadWeights
 from vuca_nav.exploration.heuristic import Critic
 from vuca_nav.geometry import inverse, transform_points
+from vuca_nav.kernel_cache import njit
 from vuca_nav.perception.percept import Percept
+from vuca_nav.policy.network import activate, inputs_first, layer
 from vuca_nav.policy.observation import ObservationConfig, PerceptObserver, goal_features
 from vuca_nav.policy.weights_file import LAYERS, PolicyWeights, Single, layer_shapes, observation_config
 from vuca_nav.safetensors_file import checked_all, read_weights
@@ -19,8 +22,6 @@ from vuca_nav.types import BodySpec, FloatArray, LidarSpec, Pose2
 
 FORMAT = "vuca-safety-1"
 SHIPPED = Path(__file__).parent / "weights" / "critic.safetensors"
-BATCH = 4096
-"""Points that are rated at a time: their hidden layers are held in memory."""
 MOST_LOGIT = 50.0
 """Logits are clipped here, against overflow."""
 
@@ -52,7 +53,7 @@ def value_network(policy: PolicyWeights) -> CriticWeights:
     """
     (first, *weights), (bias, *biases) = policy.critic_weights, policy.critic_biases
     scaled = np.asarray(first * policy.scale, np.float32)
-    shifted = np.asarray(bias - scaled @ policy.mean, np.float32)
+    shifted = layer(-policy.mean, inputs_first(scaled), bias)  # in a fixed order, as all sums of the loop
     return CriticWeights(
         policy.path,
         policy.observation,
@@ -83,6 +84,14 @@ def load_critic(path: Path) -> CriticWeights:
     return CriticWeights(path, observation, metadata, weights, biases)
 
 
+class Layers(NamedTuple):
+    """The network for the kernel."""
+
+    weights: tuple[Single, ...]
+    """Three matrices (inputs, outputs)."""
+    biases: tuple[Single, ...]
+
+
 class LearnedCritic(Critic):
     """Rates points by a trained critic that sees the percept with each point as its goal, in one batch (Section III-C).
 
@@ -102,9 +111,8 @@ class LearnedCritic(Critic):
     def __init__(self, body: BodySpec, lidar: LidarSpec, weights: CriticWeights):
         self._observer = PerceptObserver(weights.observation, body, lidar)
         self._goal = weights.observation.goal_slice
-        self._weights, self._biases = weights.weights, weights.biases
-        self._activate = _relu if weights.activation == "relu" else _elu
-        self._is_chance = weights.is_chance
+        self._layers = Layers(tuple(map(inputs_first, weights.weights)), weights.biases)
+        self._is_elu, self._is_chance = weights.activation == "elu", weights.is_chance
 
     def values(self, points_in_map: FloatArray, percept: Percept, map_from_base: Pose2) -> FloatArray:
         """V^h (n,) of points (n, 2) [m]; all 1 while the percept is not valid."""
@@ -112,22 +120,30 @@ class LearnedCritic(Critic):
             return np.ones(len(points_in_map))
         observation = self._observer.observe(percept, (0.0, 0.0))
         goals = goal_features(transform_points(inverse(map_from_base), points_in_map))
-        (first, second, last), (bias, bias_1, bias_2), at = self._weights, self._biases, self._goal
-        # The goals' part of the first layer is all that differs between points.
-        common = first @ observation + bias - first[:, at] @ observation[at]
-        output = np.empty(len(goals))
-        for k in range(0, len(goals), BATCH):
-            hidden = self._activate(common + goals[k : k + BATCH] @ first[:, at].T)
-            hidden = self._activate(hidden @ second.T + bias_1)
-            output[k : k + BATCH] = (hidden @ last.T + bias_2)[:, 0]
-        if not self._is_chance:
-            return output
-        return 1.0 / (1.0 + np.exp(-np.clip(output, -MOST_LOGIT, MOST_LOGIT)))
+        values = np.empty(len(goals))
+        _rate(observation, goals, self._goal.start, self._layers, self._is_elu, values)
+        if self._is_chance:
+            _chances_of_logits(values)
+        return values
 
 
-def _relu(values: NDArray[np.floating]) -> NDArray[np.floating]:
-    return np.maximum(values, 0.0)
+@njit(cache=True, nogil=True)
+def _rate(observation, goals, at, layers, is_elu, out):
+    """Rate goals (n, 3), which stand in the observation from index ``at`` on."""
+    (first, second, last), (bias, bias_1, bias_2) = layers.weights, layers.biases
+    # The goals' part of the first layer is all that differs between points.
+    x = observation.copy()
+    x[at : at + goals.shape[1]] = 0.0
+    common = layer(x, first, bias)
+    for n in range(len(goals)):
+        hidden = layer(goals[n], first[at : at + goals.shape[1]], common)
+        activate(hidden, is_elu)
+        hidden = layer(hidden, second, bias_1)
+        activate(hidden, is_elu)
+        out[n] = float(layer(hidden, last, bias_2)[0])
 
 
-def _elu(values: NDArray[np.floating]) -> NDArray[np.floating]:
-    return np.where(values < 0.0, np.expm1(np.minimum(values, 0.0)), values)
+@njit(cache=True, nogil=True)
+def _chances_of_logits(values):
+    for n in range(len(values)):
+        values[n] = 1.0 / (1.0 + math.exp(-min(max(values[n], -MOST_LOGIT), MOST_LOGIT)))

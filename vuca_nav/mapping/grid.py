@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from vuca_nav.errors import BadArgument
+from vuca_nav.kernel_cache import njit
 from vuca_nav.types import FloatArray, Pose2
 
 OCCUPIED_ABOVE = 0.52
@@ -94,11 +94,10 @@ class OccupancyGrid:
             math.floor((centre[0] - half) / step) * step,
             math.floor((centre[1] - half) / step) * step,
         )
-        levels = np.arange(-128, 128) * config.unit
-        self.probability_of_level = 1.0 / (1.0 + np.exp(-levels))
+        # By the C library: NumPy's own functions round in the way of the processor's type.
+        self.probability_of_level = np.array([_probability(k * config.unit) for k in range(-128, 128)])
         """(256,) probability of each level, indexed by level + 128."""
-        p = self.probability_of_level
-        self._entropy_of_level = -p * np.log(p) - (1.0 - p) * np.log(1.0 - p)
+        self._entropy_of_level = np.array([_entropy(p) for p in self.probability_of_level.tolist()])
         self._entropy_change = np.zeros(1)
         self._cells: GridCells | None = None
         self.known_box = (centre[0], centre[1], centre[0], centre[1])
@@ -222,6 +221,15 @@ class OccupancyGrid:
         self._cells = None
         entropy = self._entropy_of_level[self.level.astype(np.int16) + 128]
         self._entropy_change[0] = float((entropy - self._entropy_of_level[128]).sum())
+
+
+def _probability(log_odds: float) -> float:
+    return 1.0 / (1.0 + math.exp(min(-log_odds, 700.0)))  # less than overflows
+
+
+def _entropy(p: float) -> float:
+    """Entropy of a cell that is occupied with probability p [nat]."""
+    return -p * math.log(p) - (1.0 - p) * math.log(1.0 - p) if 0.0 < p < 1.0 else 0.0
 
 
 @njit(cache=True)

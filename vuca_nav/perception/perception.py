@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from vuca_nav.checks import check_not_negative, check_positive
 from vuca_nav.errors import BadArgument
-from vuca_nav.geometry import between, levelling
+from vuca_nav.geometry import between, levelling, multiplied
+from vuca_nav.kernel_cache import njit
 from vuca_nav.perception.percept import LevelScan, Percept
 from vuca_nav.perception.scan_memory import ScanField, ScanHistory
 from vuca_nav.perception.tracks import (
@@ -140,8 +140,8 @@ class Perception:
                 if num_tracks:
                     tracks = self._tracks[:num_tracks]
                     if up != UPRIGHT:
-                        tracks[:, [X, Y]] = tracks[:, [X, Y]] @ axes.T
-                        tracks[:, [V_X, V_Y]] = tracks[:, [V_X, V_Y]] @ axes.T
+                        tracks[:, [X, Y]] = multiplied(axes, tracks[:, [X, Y]])
+                        tracks[:, [V_X, V_Y]] = multiplied(axes, tracks[:, [V_X, V_Y]])
                     c = self.config
                     num_moving = select_moving(tracks, c.moving_speed, c.certainty, self._moving)
         moving = self._moving[:num_moving]

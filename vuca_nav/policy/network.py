@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numba import njit
 
 from vuca_nav.errors import BadArgument
+from vuca_nav.kernel_cache import njit
 from vuca_nav.policy.drl_network import ConvolutionalLayers, act_by_convolutions, arrange
 from vuca_nav.policy.weights_file import PolicyWeights, Single
 from vuca_nav.types import FloatArray
@@ -155,9 +155,9 @@ class PolicyNetwork:
         self._actor = Actor(
             w.mean,
             w.scale,
-            (_inputs_first(w0), _inputs_first(w1), _inputs_first(w2)),
+            (inputs_first(w0), inputs_first(w1), inputs_first(w2)),
             (b0, b1, b2),
-            (_inputs_first(gate_w0), _inputs_first(gate_w1), _inputs_first(gate_w2)),
+            (inputs_first(gate_w0), inputs_first(gate_w1), inputs_first(gate_w2)),
             (gate_b0, gate_b1, gate_b2),
             w.activation == "elu",
             experts > 1 and not self.gate.uniform,
@@ -178,7 +178,8 @@ class PolicyNetwork:
         return _act(observation, action, self._actor)
 
 
-def _inputs_first(weight: Single) -> Single:
+def inputs_first(weight: Single) -> Single:
+    """Matrix (..., inputs, outputs) of a layer, for ``layer``, from (..., outputs, inputs)."""
     return np.ascontiguousarray(np.swapaxes(weight, -1, -2))
 
 
@@ -191,16 +192,16 @@ def _act(observation, action, actor):
             return False
         x[i] = (observation[i] - actor.mean[i]) * actor.scale[i]
     if actor.gated:
-        g0 = _layer(x, actor.gate_weights[0], actor.gate_biases[0])
-        _activate(g0, False)
-        g1 = _layer(g0, actor.gate_weights[1], actor.gate_biases[1])
-        _activate(g1, False)
-        g2 = _layer(g1, actor.gate_weights[2], actor.gate_biases[2])
+        g0 = layer(x, actor.gate_weights[0], actor.gate_biases[0])
+        activate(g0, False)
+        g1 = layer(g0, actor.gate_weights[1], actor.gate_biases[1])
+        activate(g1, False)
+        g2 = layer(g1, actor.gate_weights[2], actor.gate_biases[2])
         _softmax(g2, actor.kept, shares)
     h0 = _fused_layer(x, weights[0], biases[0], shares)
-    _activate(h0, actor.elu)
+    activate(h0, actor.elu)
     h1 = _fused_layer(h0, weights[1], biases[1], shares)
-    _activate(h1, actor.elu)
+    activate(h1, actor.elu)
     h2 = _fused_layer(h1, weights[2], biases[2], shares)
     for i in range(len(h2)):
         if not math.isfinite(h2[i]):
@@ -244,8 +245,8 @@ def _fused_layer(x, weights, bias, shares):
 
 
 @njit(cache=True, nogil=True)
-def _layer(x, weights, bias):
-    """Linear layer ``W x + b``, (outputs,)."""
+def layer(x, weights, bias):
+    """Linear layer ``W x + b``, (outputs,), added up in the order of the inputs; ``weights`` is (inputs, outputs)."""
     out = bias.copy()
     for i in range(len(x)):
         xi = x[i]
@@ -256,7 +257,8 @@ def _layer(x, weights, bias):
 
 
 @njit(cache=True, nogil=True)
-def _activate(values, elu):
+def activate(values, elu):
+    """Apply ELU, or else ReLU, in place."""
     if elu:
         for i in range(len(values)):
             if values[i] < 0.0:

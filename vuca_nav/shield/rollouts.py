@@ -4,8 +4,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from vuca_nav.kernel_cache import njit
 from vuca_nav.perception.distance_field import DistanceField, smooth_clearance_at
 from vuca_nav.perception.tracks import RADIUS, is_of_track
 from vuca_nav.types import FloatArray
@@ -346,7 +346,7 @@ def _roll_out(way, command, state, static, settings, now, trajectory):
     return state
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True)
 def _harm(future, tracks, near, trajectory, first, end, settings):
     """Harm from one step to another: 1 for touching now, less the later, and less for only coming near."""
     discs, dt = settings.discs, settings.time_step

@@ -28,6 +28,26 @@ def arm(tmp_path):
     return read_urdf(file)
 
 
+def test_transforms_are_multiplied_in_a_fixed_order(arm):
+    """Every product and sum is rounded once, from left to right, whatever the processor."""
+
+    def product(a, b):
+        terms = [[[a[i][k] * b[k][j] for k in range(4)] for j in range(4)] for i in range(4)]
+        return [[((t[0] + t[1]) + t[2]) + t[3] for t in row] for row in terms]
+
+    for angle in np.linspace(0.1, 3.0, 30).tolist():
+        shoulder, rail = (arm.joints[name] for name in ("shoulder", "rail"))
+        upper_from_slide = rail.transform(0.3 * angle)
+        base_from_upper = shoulder.transform(angle)
+        motion = np.eye(4)
+        c, s = math.cos(angle), math.sin(angle)
+        motion[:2, :2] = (1.0 - (1.0 - c), -s), (s, 1.0 - (1.0 - c))
+        assert base_from_upper.tolist() == product(shoulder.parent_from_joint.tolist(), motion.tolist())
+        expected = product(base_from_upper.tolist(), upper_from_slide.tolist())
+        root = product(np.eye(4).tolist(), expected)
+        assert arm.transform("base", "slide", {"shoulder": angle, "rail": 0.3 * angle}).tolist() == root
+
+
 def test_forward_kinematics_by_hand(arm):
     # The shoulder turns 90 + 90 degrees: x of upper points along -x of base.
     base_from_upper = arm.transform("base", "upper", {"shoulder": math.pi / 2.0})
