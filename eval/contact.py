@@ -84,3 +84,25 @@ def classify_contact(facts: ContactFacts) -> Contact:
         straight_for=facts.straight_for,
         in_sight_for=facts.in_sight_for,
     )
+
+
+def in_words(contact: dict[str, Any]) -> str:
+    """The contact of a row in words."""
+    robot, other, closing = contact["robot_speed"], contact["other_speed"], contact["closing"]
+    bearing = math.degrees(contact["bearing"])
+    side = "left" if bearing > 0.0 else "right"
+    where = "straight ahead" if abs(bearing) < 0.5 else f"{abs(bearing):.0f} degrees to the {side} of ahead"
+    doing = {
+        "static": f"the robot touched {contact['with']}, which stood",
+        "stopped": f"{contact['with']} came into the robot, which stood",
+        "yielding": f"{contact['with']} came into the robot, which moved away from it",
+    }.get(contact["class"], f"the robot and {contact['with']} met at the robot's {contact['class']}")
+    words = [
+        f"{doing}; the robot {'closed in itself' if contact['own'] else 'did not close in itself'}",
+        f"robot {robot:.2f} m/s, the other {other:.2f} m/s, closing in at {closing:.2f} m/s, {where}",
+    ]
+    seen = contact["in_sight_for"]
+    words.append(f"in the lidar's sight for {seen:.1f} s" if seen > 0.0 else "not in the lidar's sight")
+    if contact["straight_for"] is not None and other > MOVING:
+        words[-1] += f", on a straight line for {contact['straight_for']:.1f} s"
+    return "\n".join(words)

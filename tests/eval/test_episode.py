@@ -34,7 +34,7 @@ class SlidingPoint:
         type(self).made_with = {"seed": seed, "noise": noise, "perfect_odometry": perfect_odometry}
         self.world_start = self.true_pose = world.start
         self.ticks = 0
-        self.contact = self.contact_name = None
+        self.contact = self.contact_name = self.contact_facts = None
         self.fallen = False
         self.clearance = 1.0
 
@@ -96,6 +96,7 @@ def test_success_is_the_true_position_within_0_3_m_of_the_goal(simulation):
     # 2.7 m at 1/30 m a step; the estimate, still at the start, plays no part.
     assert row["steps"] in (81, 82)
     assert row["arriving_time"] == row["duration"] == row["steps"] / 30.0
+    assert (row["contact"], row["failure"]) == (None, None)
     assert row["path_length"] == pytest.approx(row["steps"] / 30.0, abs=1e-4)
     assert row["spl"] == 1.0
     assert row["ansps"] == pytest.approx(row["path_length"] / 3.0 / row["steps"], rel=1e-4)
@@ -115,6 +116,7 @@ def test_a_fall(simulation):
     simulation.cliff_x = 2.0
     row = run_episode(config()).row()
     assert (row["outcome"], row["collided_with"]) == ("fall", None)
+    assert (row["contact"], row["failure"]["class"]) == (None, "fall")
     assert row["duration"] == pytest.approx(1.0, abs=0.05)
 
 
@@ -124,6 +126,13 @@ def test_timeout_is_four_shortest_ways_at_full_speed_and_a_minute(simulation, mo
     assert row["outcome"] == "timeout"
     assert row["duration"] == pytest.approx(4.0 * 3.0 / 1.0 + 60.0, abs=0.05)
     assert row["ansps"] == pytest.approx(0.0, abs=1e-8)
+    assert (row["failure"]["class"], row["failure"]["since"]) == ("stuck", 0.0)
+    assert row["failure"]["where"] == pytest.approx([1.0, 0.0], abs=1e-4)
+
+
+def test_a_robot_that_believes_to_be_elsewhere_is_lost(simulation, monkeypatch):
+    monkeypatch.setattr(StraightOn, "speed", -0.02)
+    assert run_episode(config()).row()["failure"]["class"] == "lost"
 
 
 def test_same_seed_same_row_but_for_timing(simulation):
