@@ -54,7 +54,10 @@ class DriverArguments:
     robot: str = "tiago"
     """A robot's name (see vuca list robots)."""
     method: Annotated[str | None, _optional("NAME")] = None
-    """A method's name; vuca list methods shows them and which one is the default."""
+    """A method's name; vuca list methods shows them and which one is the default. module:build is a factory of your own
+    (docs/methods.md)."""
+    trust: bool = False
+    """Run the Python of a method of your own, module:build."""
     policy: Annotated[Path | None, _optional("FILE.safetensors")] = None
     """Drive by these weights instead of the method's own, as vuca train makes them."""
     gate: Annotated[str | None, _optional("uniform")] = None

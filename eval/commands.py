@@ -81,7 +81,7 @@ def eval_(argv: list[str]) -> int:
 
     suite = turn_dials(find_suite(arguments.suite), **arguments.dials())
     seeds = suite.seeds if arguments.seeds is None else parse_seeds(arguments.seeds)
-    robot, method, options = arguments.robot, arguments.method or BEST, _options(arguments)
+    robot, method, options = arguments.robot, _method(arguments, BEST), _options(arguments)
     configs = episodes_of(suite, robot=robot, method=method, seeds=seeds, limit=arguments.episodes, options=options)
     identity = {
         "suite": arguments.suite,
@@ -184,8 +184,18 @@ def _episode(arguments: EpisodeArguments, default: str) -> EpisodeConfig:
     from eval.episode import EpisodeConfig
 
     scene = {field.name: getattr(arguments, field.name) for field in fields(SceneArguments)}
-    method = arguments.method or default
+    method = _method(arguments, default)
     return EpisodeConfig(**scene, robot=arguments.robot, method=method, options=_options(arguments))
+
+
+def _method(arguments: DriverArguments, default: str) -> str:
+    """The method that is asked for; one of the user's own only under --trust, since it runs any Python."""
+    from eval.methods import is_users_own
+
+    method = arguments.method or default
+    if is_users_own(method) and not arguments.trust:
+        raise BadArgument(f"--method {method} runs Python code of your own; add --trust if you trust it")
+    return method
 
 
 def _options(arguments: DriverArguments) -> MethodOptions:

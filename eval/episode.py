@@ -19,7 +19,7 @@ from robots.registry import make_body
 from robots.simulation import Simulation
 from vuca_nav.errors import BadArgument
 from vuca_nav.geometry import distance, wrap_angle
-from vuca_nav.navigator import Navigator
+from vuca_nav.stack import Stack
 from vuca_nav.task import GOAL_TOLERANCE, time_limit
 from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import Odometry, Pose2, Scan
@@ -44,7 +44,7 @@ class EpisodeConfig:
     robot: str = "tiago"
     """A robot's name."""
     method: str = BEST
-    """A method's name."""
+    """A method's name, or ``module:build``: a factory in a module that is then imported."""
     seed: int = 0
     """Seed of the world's layout, of its movers and of the sensors' noise."""
     without: str = ""
@@ -143,7 +143,7 @@ class Episode:
         self.timeout = time_limit(self.shortest_path, self.body.spec.max_v_x)
         self._set_up_time = time.perf_counter() - began
 
-    def build(self, telemetry: Telemetry) -> tuple[Simulation, Navigator]:
+    def build(self, telemetry: Telemetry) -> tuple[Simulation, Stack]:
         """The two sides of the loop: the simulation and the stack."""
         (sensors_seed,) = np.random.SeedSequence(self.config.seed).spawn(1)
         ambiguous = "A" not in self.config.without
@@ -158,7 +158,7 @@ class Episode:
         localisation = "slam" if ambiguous else "odometry"
         return simulation, build(self.method, self.body.spec, self.body.lidar, localisation, telemetry)
 
-    def begin(self, telemetry: Telemetry) -> tuple[Simulation, Navigator, Scan, Odometry]:
+    def begin(self, telemetry: Telemetry) -> tuple[Simulation, Stack, Scan, Odometry]:
         """Both sides ready for the first step, and the robot's first readings."""
         simulation, navigator = self.build(telemetry)
         scan, odometry = simulation.reset()

@@ -1,24 +1,28 @@
 """The methods of an episode: a table of configurations, and the function that builds a stack of one.
 
 A method is data. A user's change to one is an option (``MethodOptions``), not another name; ``resolve`` gives the
-configuration that runs, and ``build`` the navigator. A new method is an entry of ``METHODS``.
+configuration that runs, and ``build`` the stack. A new method is an entry of ``METHODS``; one of the user's own is
+named ``module:build``.
 """
 
 import hashlib
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
+from eval.baselines.move_base.config import MoveBaseConfig
+from eval.baselines.move_base.stack import MoveBase
+from eval.method_config import CRITIC_RATE, GAMMA, OWN_VALUE, PAPER_EXPLORER, ExplorerSettings, MethodConfig
+from eval.user_method import Request, UserMethod
 from vuca_nav.data_files import read_bytes
 from vuca_nav.errors import BadArgument, BadWeights, UnknownName
 from vuca_nav.exploration.critic import SHIPPED, CriticWeights, LearnedCritic, load_critic, value_network
 from vuca_nav.exploration.explorer import ExplorerConfig
-from vuca_nav.exploration.heuristic import NoCritic, Score
+from vuca_nav.exploration.heuristic import NoCritic
 from vuca_nav.mapping.slam import SlamConfig
 from vuca_nav.navigator import Navigator, NavigatorConfig
-from vuca_nav.perception.perception import PerceptionConfig
 from vuca_nav.policy.base import LocalPolicy
 from vuca_nav.policy.dynamic_window import DynamicWindow
 from vuca_nav.policy.learned import LearnedPolicy
@@ -26,86 +30,19 @@ from vuca_nav.policy.network import Gate, PolicyNetwork
 from vuca_nav.policy.weights_file import WEIGHTS_FOLDER, PolicyWeights, load_weights
 from vuca_nav.safetensors_file import MOST_BYTES
 from vuca_nav.shield.shield import Shield
+from vuca_nav.stack import Stack
 from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import BodySpec, LidarSpec
 
-GAMMA = 300.0
-"""Default extra way that is worth it if it surely spares meeting a mover [m]."""
-CRITIC_RATE = 1.0
-"""Rate at which the target is chosen anew where V^h has a say [Hz]: in the paper's 5 s, whatever comes along a corridor
-has arrived."""
-
-
-@dataclass(frozen=True, slots=True)
-class ExplorerSettings:
-    """Settings of the choice of the exploration point."""
-
-    score: Score = "metres"
-    """How D^h and V^h are weighed: as lengths, or each divided by its spread, as the paper prints it."""
-    rate: float = 0.2
-    """Rate at which it is chosen anew, besides the triggers [Hz]: the paper's."""
-    hysteresis: float = 3.0
-    """Cost by which another candidate must be better than the present one [m]."""
-    look_ahead: float | None = 4.0
-    """Length along the path to a candidate at which the critic rates it [m]; None for the candidate itself, as in the
-    paper."""
-
-
-PAPER_EXPLORER = ExplorerSettings(score="normalised", rate=0.2, hysteresis=0.0, look_ahead=None)
-"""The choice as the paper prints it (Section III-C): both terms normalised over the candidates, every 5 s and at the
-four triggers, without a bonus for staying."""
-OWN_VALUE = "own-value"
-"""The critic that the policy was trained with, in its own weights file: the paper's V^h."""
-
-
-@dataclass(frozen=True, slots=True)
-class MethodConfig:
-    """A stack, stage by stage; a field that is None is a stage that the method does without."""
-
-    controller: Literal["dynamic-window", "network"]
-    """Local controller: samples commands and simulates them, or a trained network gives them."""
-    weights: Path | None = None
-    """Weights file of the network."""
-    gate: Gate | None = None
-    """Source of the shares of the network's experts; None for a network of a single expert."""
-    shield: bool = False
-    """Whether a shield filters the controller's commands."""
-    critic: Path | Literal["own-value"] | None = None
-    """Weights file of the critic whose V^h rates the exploration's candidates, or ``OWN_VALUE``."""
-    explorer: ExplorerSettings = ExplorerSettings()
-    gamma: float | None = None
-    """Weight of V^h: extra way that is worth it if it surely spares meeting a mover [m], or without dimension for the
-    normalised score; None without a critic."""
-    tracks: Literal["all", "map"] = "all"
-    """What may use the percept's tracks: all stages, or map and costmap alone. Where it is the map alone, weights that
-    take tracks, a critic that takes them, and a shield are refused."""
-    direct: bool = False
-    """Whether the controller heads for the goal itself, without exploration and without a path."""
-    perception: PerceptionConfig = field(default_factory=PerceptionConfig)
-    """Settings of perception, for all stages alike."""
-
-    def __post_init__(self) -> None:
-        """Raises BadArgument for a controller without its weights, and for parts that do not go together."""
-        if (self.controller == "network") != (self.weights is not None):
-            raise BadArgument(f"controller {self.controller!r} with weights {self.weights}: only a network has them")
-        for name, needs in (("gate", "weights"), ("gamma", "critic")):
-            if getattr(self, name) is not None and getattr(self, needs) is None:
-                raise BadArgument(f"{name} goes with {needs}, which are not given")
-        if self.critic == OWN_VALUE and self.weights is None:
-            raise BadArgument(f"critic {OWN_VALUE!r} goes with weights, which are not given")
-        if self.tracks == "map" and self.shield:
-            raise BadArgument("a shield foresees tracks, which are for map and costmap alone")
-
-    def row(self) -> dict[str, Any]:
-        """The configuration as JSON holds it; shipped files are named by their stem, wherever they are installed."""
-        return asdict(self) | {"weights": _stem_or_path(self.weights), "critic": _stem_or_path(self.critic)}
+AnyConfig = MethodConfig | MoveBaseConfig | UserMethod
+"""The configuration of any stack: the project's own, a baseline, or one of the user's."""
 
 
 class Method(NamedTuple):
     """An entry of the table of methods."""
 
     description: str
-    config: MethodConfig
+    config: AnyConfig
 
 
 PAPER_GAMMA = 0.5
@@ -140,6 +77,11 @@ METHODS: dict[str, Method] = {
     "paper-dh": Method(
         "the paper's system without V^h", _network("paper", gate=Gate(), explorer=PAPER_EXPLORER, tracks="map")
     ),
+    "move_base": Method(
+        "ROS's move_base: straight to the goal, the unknown taken as free; layered costmap, dynamic window, recoveries",
+        MoveBaseConfig(),
+    ),
+    "move_base+dh": Method("the same, with frontiers by D^h", MoveBaseConfig(explorer=PAPER_EXPLORER)),
     "go-straight": Method("stage 1's expert for going straight alone, D^h", _network("go-straight")),
     "obstacle-avoidance": Method("stage 1's expert for avoiding obstacles alone, D^h", _network("obstacle-avoidance")),
     "single": Method("one network trained like the fused one, D^h", _network("single")),
@@ -203,6 +145,10 @@ class _Lack(NamedTuple):
     message: str
     has: Callable[[MethodConfig], bool]
 
+    def goes_with(self, config: AnyConfig) -> bool:
+        """Whether a method has the stage."""
+        return isinstance(config, MethodConfig) and self.has(config)
+
 
 _NO_NETWORK = _Lack("drives by no weights", lambda config: config.weights is not None)
 _NO_GATE = _Lack("has no gate over several experts", lambda config: config.gate is not None)
@@ -218,26 +164,29 @@ _LACKS = {
 }
 
 
-def resolve(name: str, options: MethodOptions = UNCHANGED) -> MethodConfig:
+def resolve(name: str, options: MethodOptions = UNCHANGED) -> AnyConfig:
     """The configuration that runs: a method's own, changed by options.
 
     Args:
-        name: Name of a method in ``METHODS``, in its exact spelling.
+        name: Name of a method in ``METHODS``, in its exact spelling, or ``module:build``, which imports the module.
         options: Changes to it.
 
     Raises:
         UnknownName: There is no such method.
-        BadArgument: An option does not go with the method, or there is no such expert.
+        BadArgument: An option does not go with the method, there is no such expert, or the module cannot be loaded.
         BadWeights: A weights file that is given cannot be used.
     """
-    if name not in METHODS:
+    if name not in METHODS and not is_users_own(name):
         raise UnknownName("method", name, METHODS)
-    config, given = METHODS[name].config, options.given()
+    config, given = METHODS[name].config if name in METHODS else UserMethod(name), options.given()
     for option in given:
         lack = _LACKS[option]
-        if not lack.has(config):
-            those = ", ".join(other for other, method in METHODS.items() if lack.has(method.config))
+        if not lack.goes_with(config):
+            those = ", ".join(other for other, method in METHODS.items() if lack.goes_with(method.config))
             raise BadArgument(f"method {name!r} {lack.message}; {flag_of(option)} goes with: {those}")
+    if not isinstance(config, MethodConfig):
+        config.row()  # a module that cannot be loaded is noticed now
+        return config
     if config.gate is not None:
         gate = Gate(uniform=options.gate == UNIFORM, without=options.without_expert)
         config = replace(config, gate=gate)
@@ -274,6 +223,11 @@ def _check_tracks(config: MethodConfig, taken: PolicyWeights | CriticWeights) ->
         raise BadArgument(f"{taken.path} takes tracks, which this method has for map and costmap alone")
 
 
+def is_users_own(name: str) -> bool:
+    """Whether a method's name is that of a factory in the user's own Python, ``module:build``."""
+    return ":" in name
+
+
 def flag_of(option: str) -> str:
     """An option as it is typed, ``--without-expert`` for ``without_expert``."""
     return f"--{option.replace('_', '-')}"
@@ -294,8 +248,8 @@ def title_of(method: str, options: dict[str, Any]) -> str:
     return " ".join(typed)
 
 
-def identity_of(config: MethodConfig) -> dict[str, Any]:
-    """Identity of an evaluation's method: the resolved configuration, weights by name and by content.
+def identity_of(config: AnyConfig) -> dict[str, Any]:
+    """Identity of an evaluation's method: the resolved configuration, weights and modules by name and by content.
 
     Args:
         config: Result of ``resolve``.
@@ -303,17 +257,19 @@ def identity_of(config: MethodConfig) -> dict[str, Any]:
     Raises:
         BadWeights: A weights file cannot be read.
     """
+    if not isinstance(config, MethodConfig):
+        return config.row()
     files = {"weights_sha256": config.weights, "critic_sha256": config.critic}
     return config.row() | {name: _digest(path) for name, path in files.items() if isinstance(path, Path)}
 
 
 def build(
-    method: MethodConfig,
+    method: AnyConfig,
     body: BodySpec,
     lidar: LidarSpec,
     localisation: Literal["slam", "odometry"] = "slam",
     telemetry: Telemetry = Telemetry(),
-) -> Navigator:
+) -> Stack:
     """Build the stack of a method for a body.
 
     Args:
@@ -324,8 +280,19 @@ def build(
         telemetry: Receives what the stages report.
 
     Raises:
-        VucaError: Weights cannot be used.
+        VucaError: Weights cannot be used, or the user's own factory fails.
     """
+    request = Request(body, lidar, localisation, telemetry)
+    if isinstance(method, UserMethod):
+        return method.build(request)
+    if isinstance(method, MoveBaseConfig):
+        return MoveBase(method, request)
+    return _navigator(method, request)
+
+
+def _navigator(method: MethodConfig, request: Request) -> Navigator:
+    """The project's own stack, with the stages that a configuration asks for."""
+    body, lidar, localisation, telemetry = request
     weights = None if method.weights is None else load_weights(method.weights)
     critic = _critic_of(method, weights)
     looks_back = (file.observation.memory for file in (weights, critic) if file is not None)
@@ -367,8 +334,20 @@ def _critic_of(method: MethodConfig, weights: PolicyWeights | None) -> CriticWei
     return value_network(weights)
 
 
-def settings_of(navigator: Navigator) -> dict[str, Any]:
-    """Settings of a navigator's stages, policy and shield; body, lidar and weights are left out."""
+def settings_of(method: AnyConfig, body: BodySpec, lidar: LidarSpec) -> dict[str, Any]:
+    """Settings of a method's stages, policy and shield; body, lidar and weights are left out.
+
+    Args:
+        method: Result of ``resolve``.
+        body: The body that is driven.
+        lidar: The body's lidar.
+
+    Raises:
+        VucaError: It cannot be built.
+    """
+    navigator = build(method, body, lidar)
+    if not isinstance(navigator, Navigator):
+        return {}
     policy = navigator.policy
     settings: dict[str, Any] = {"navigator": asdict(navigator.config)}
     if isinstance(policy, Shield):
@@ -383,9 +362,3 @@ def settings_of(navigator: Navigator) -> dict[str, Any]:
 
 def _digest(path: Path) -> str:
     return hashlib.sha256(read_bytes(path, MOST_BYTES, BadWeights)).hexdigest()
-
-
-def _stem_or_path(path: Path | str | None) -> str | None:
-    if not isinstance(path, Path):
-        return path
-    return path.stem if path.parent in (WEIGHTS_FOLDER, SHIPPED.parent) else str(path)

@@ -4,7 +4,7 @@ import importlib.metadata
 from dataclasses import asdict
 
 from eval.episode import EpisodeConfig
-from eval.methods import build, resolve, settings_of
+from eval.methods import resolve, settings_of
 from eval.store import Row
 from robots.noise import NoiseConfig
 from robots.registry import make_body
@@ -25,5 +25,5 @@ def provenance(config: EpisodeConfig) -> Row:
         name: importlib.metadata.version(name) for name in ("vuca-nav", "mujoco", "numpy", "numba", "scipy")
     }
     body = make_body(config.robot)
-    navigator = build(resolve(config.method, config.options), body.spec, body.lidar)
-    return {**made_by, "commit": commit(), "noise": asdict(NoiseConfig()), **settings_of(navigator)}
+    settings = settings_of(resolve(config.method, config.options), body.spec, body.lidar)
+    return {**made_by, "commit": commit(), "noise": asdict(NoiseConfig()), **settings}

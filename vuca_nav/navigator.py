@@ -18,6 +18,7 @@ from vuca_nav.planning.costmap import CostmapConfig
 from vuca_nav.planning.planner import Planner, no_plan, straight_plan
 from vuca_nav.planning.survey import Survey
 from vuca_nav.policy.base import LocalGoal, LocalPolicy
+from vuca_nav.stack import Stack
 from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import STANDING, BodySpec, LidarSpec, Odometry, Pose2, Scan, VelocityCommand
 
@@ -63,7 +64,7 @@ class NavigatorConfig:
         return ticks
 
 
-class Navigator:
+class Navigator(Stack):
     """Cerebrum (mapping, exploration, planning) over cerebellum (a local policy)."""
 
     def __init__(

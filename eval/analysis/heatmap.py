@@ -14,6 +14,7 @@ from vuca_nav.errors import BadArgument
 from vuca_nav.exploration.heatmap import SafetyMap, safety_around
 from vuca_nav.exploration.heuristic import LEAST, NoCritic
 from vuca_nav.geometry import distance
+from vuca_nav.navigator import Navigator
 from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import FloatArray, Pose2
 
@@ -100,8 +101,8 @@ def view_at(
         )
     episode, telemetry = Episode(config), _Returns()
     simulation, navigator, scan, odometry = episode.begin(telemetry)
-    critic = navigator.explorer.critic
-    if isinstance(critic, NoCritic):
+    critic = navigator.explorer.critic if isinstance(navigator, Navigator) else NoCritic()
+    if isinstance(critic, NoCritic) or not isinstance(navigator, Navigator):
         raise BadArgument(f"method {config.method!r} has no critic; take one with V^h, such as {BEST_WITH_CRITIC!r}")
     while True:
         command = navigator.step(scan, odometry)

@@ -15,9 +15,11 @@ from typing import NamedTuple
 import tyro
 
 from eval.analysis.statistics import mean, wilson_interval
+from eval.baselines.move_base.config import MoveBaseConfig
 from eval.episode import Episode, EpisodeConfig
 from eval.evaluate import evaluate
-from eval.methods import METHODS, MethodConfig, identity_of, resolve
+from eval.method_config import MethodConfig
+from eval.methods import METHODS, AnyConfig, identity_of, resolve
 from eval.store import Row
 from eval.suites import Task, parse_seeds
 from vuca_nav.cli import run_module
@@ -30,7 +32,7 @@ class Tuning(NamedTuple):
     """Sets of settings of a method, and the missions that they are tried in."""
 
     method: str
-    sets: dict[str, MethodConfig]
+    sets: dict[str, AnyConfig]
     """Each set by the name that the page shows."""
     tasks: tuple[Task, ...]
     seeds: range
@@ -41,12 +43,31 @@ FACTORY_AND_SQUARE = (*(Task("factory", region) for region in (1, 2, 3, 4)), Tas
 
 def tunings() -> dict[str, Tuning]:
     """All sweeps by name."""
-    paper = METHODS["paper"].config
+    paper, move_base = METHODS["paper"].config, MoveBaseConfig()
+    assert isinstance(paper, MethodConfig)
+    layers, window = move_base.layers, move_base.window
+    wide = replace(layers, inflation_radius=0.9, cost_scaling=4.0)
+    careful = replace(window, comfort=0.6, comfort_weight=1.5)
     return {
         "paper": Tuning(
             "paper",
             {f"gamma {gamma:g}": replace(paper, gamma=gamma) for gamma in (0.1, 0.25, 0.5, 1.0, 2.0)},
             (Task("factory", 3), Task("factory", 4), Task("double_branch", movers=8), Task("square")),
+            range(700, 720),
+        ),
+        "move_base": Tuning(
+            "move_base",
+            {
+                "as the original": move_base,
+                "wide inflation": replace(move_base, layers=wide),
+                "wide clearance": replace(move_base, window=careful),
+                "both": replace(move_base, layers=wide, window=careful),
+                "both, 1 m ahead": replace(move_base, layers=wide, window=careful, look_ahead=1.0),
+                "both, 4 m ahead": replace(move_base, layers=wide, window=careful, look_ahead=4.0),
+                "both, horizon 2.6 s": replace(move_base, layers=wide, window=replace(careful, horizon=2.6)),
+                "both, horizon 1.2 s": replace(move_base, layers=wide, window=replace(careful, horizon=1.2)),
+            },
+            FACTORY_AND_SQUARE,
             range(700, 720),
         ),
     }
@@ -70,7 +91,7 @@ class TuningArguments:
     """Number of processes; by default one for each core."""
 
 
-def run_with(method: MethodConfig, config: EpisodeConfig) -> Row:
+def run_with(method: AnyConfig, config: EpisodeConfig) -> Row:
     """Run an episode by settings that are no entry of the table of methods."""
     episode = Episode(config)
     episode.method = method

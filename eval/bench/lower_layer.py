@@ -11,6 +11,7 @@ from eval.bench.timing import Result, best_of, result
 from eval.episode import Episode, EpisodeConfig
 from robots.registry import make_body
 from vuca_nav.exploration.critic import SHIPPED, LearnedCritic, load_critic
+from vuca_nav.navigator import Navigator
 from vuca_nav.perception.percept import Percept
 from vuca_nav.perception.perception import Perception
 from vuca_nav.policy.base import LocalGoal, LocalPolicy
@@ -91,6 +92,7 @@ def record(config: EpisodeConfig, least: float) -> list[list[Tick]]:
     while simulated < least:
         episode = Episode(replace(config, seed=config.seed + len(tapes)))
         simulation, navigator, scan, odometry = episode.begin(Telemetry())
+        assert isinstance(navigator, Navigator)
         tape = Tape(navigator.policy)
         navigator.policy = tape
         sensed: list[tuple[Scan, Odometry]] = []

@@ -6,7 +6,7 @@ import pytest
 from eval.analysis.summary import statistics_of, summarise, table
 from eval.episode import EpisodeConfig
 from eval.evaluate import evaluate
-from eval.methods import METHODS, ExplorerSettings, Method, MethodOptions
+from eval.methods import METHODS, ExplorerSettings, Method, MethodConfig, MethodOptions
 from eval.provenance import provenance
 from eval.runner import Crash, run_episodes
 from eval.suites import SUITES, episodes_of, find_suite, parse_seeds, turn_dials
@@ -248,7 +248,9 @@ def test_the_settings_that_are_kept_are_those_that_ran():
 def test_other_settings_do_not_go_on_with_our_rows(tmp_path, monkeypatch):
     evaluate(IDENTITY, CONFIGS[:2], tmp_path, workers=1, job=jobs.episode_by_hash)
     (name,) = {config.method for config in CONFIGS}
-    slower = replace(METHODS[name].config, explorer=ExplorerSettings(rate=0.1))
+    config = METHODS[name].config
+    assert isinstance(config, MethodConfig)
+    slower = replace(config, explorer=ExplorerSettings(rate=0.1))
     monkeypatch.setitem(METHODS, name, Method("slower", slower))
     with pytest.raises(BadArgument, match=r"begun with navigator\.exploration_rate = 0\.2, not 0\.1"):
         evaluate(IDENTITY, CONFIGS[:2], tmp_path, workers=1, job=jobs.episode_by_hash)

@@ -39,6 +39,7 @@ from vuca_nav.exploration.critic import SHIPPED, LearnedCritic, load_critic
 from vuca_nav.exploration.heatmap import SafetyMap
 from vuca_nav.exploration.heuristic import NoCritic
 from vuca_nav.files import prepare_file
+from vuca_nav.navigator import Navigator
 from vuca_nav.perception.perception import PerceptionConfig
 from vuca_nav.policy.dynamic_window import DynamicWindow
 from vuca_nav.policy.learned import LearnedPolicy
@@ -46,6 +47,7 @@ from vuca_nav.policy.network import Gate
 from vuca_nav.policy.observation import ObservationConfig
 from vuca_nav.policy.weights_file import WEIGHTS_FOLDER, load_weights
 from vuca_nav.shield.shield import Shield
+from vuca_nav.types import BodySpec, LidarSpec
 
 
 @pytest.fixture
@@ -58,14 +60,26 @@ def critic(tmp_path) -> str:
     return str(random_safety(tmp_path / "s.safetensors"))
 
 
-def built(name: str, **options):
-    return build(resolve(name, MethodOptions(**options)), disc_body(), LIDAR)
+def configured(name: str, **options) -> MethodConfig:
+    config = resolve(name, MethodOptions(**options))
+    assert isinstance(config, MethodConfig)
+    return config
+
+
+def navigator_of(config: MethodConfig, body: BodySpec, lidar: LidarSpec) -> Navigator:
+    navigator = build(config, body, lidar)
+    assert isinstance(navigator, Navigator)
+    return navigator
+
+
+def built(name: str, **options) -> Navigator:
+    return navigator_of(configured(name, **options), disc_body(), LIDAR)
 
 
 def test_the_table():
     assert list(METHODS) == [
-        "dwa-dh", "ours", "ours-dh", "paper", "paper-dh", "go-straight", "obstacle-avoidance", "single", "fusion",
-        "fusion-plus", "single-plus",
+        "dwa-dh", "ours", "ours-dh", "paper", "paper-dh", "move_base", "move_base+dh", "go-straight",
+        "obstacle-avoidance", "single", "fusion", "fusion-plus", "single-plus",
     ]  # fmt: skip
     assert resolve("dwa-dh") == MethodConfig("dynamic-window")
     assert resolve("ours").row() == {
@@ -80,12 +94,12 @@ def test_the_table():
         "perception": asdict(PerceptionConfig()),
     }
     assert (BEST, EpisodeConfig().method) == ("ours-dh", "ours-dh")
-    assert METHODS[BEST_WITH_CRITIC].config.critic is not None
+    assert configured(BEST_WITH_CRITIC).critic is not None
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", [name for name in METHODS if isinstance(METHODS[name].config, MethodConfig)])
 def test_every_method_of_the_table_can_be_built(name):
-    navigator, config = built(name), METHODS[name].config
+    navigator, config = built(name), configured(name)
     assert isinstance(navigator.policy, Shield) == config.shield
     assert isinstance(navigator.explorer.critic, NoCritic) == (config.critic is None)
     policy = navigator.policy.policy if isinstance(navigator.policy, Shield) else navigator.policy
@@ -113,7 +127,7 @@ def test_knock_outs_are_options():
     first = built("fusion-plus", without_expert=1).policy
     assert isinstance(first, LearnedPolicy)
     assert first.network.shares == pytest.approx([0.0, 1 / 3, 1 / 3, 1 / 3])
-    both = resolve("ours", MethodOptions(gate="uniform", without_expert=4, gamma=0.0))
+    both = configured("ours", gate="uniform", without_expert=4, gamma=0.0)
     assert (both.gate, both.gamma, both.shield) == (Gate(uniform=True, without=4), 0.0, True)
 
 
@@ -216,7 +230,7 @@ def test_an_evaluation_under_another_configuration_is_not_gone_on_with(tmp_path,
     assert (config["options"], config["configuration"]["gate"]["uniform"]) == ({"gate": "uniform"}, True)
     with pytest.raises(BadArgument, match=r"was begun with configuration\.gate\.uniform = true, not false"):
         eval_(arguments[:-2])
-    explorer = replace(METHODS["fusion"].config, explorer=ExplorerSettings(hysteresis=1.0))
+    explorer = replace(configured("fusion"), explorer=ExplorerSettings(hysteresis=1.0))
     monkeypatch.setitem(METHODS, "fusion", Method("changed", explorer))
     with pytest.raises(BadArgument, match=r"was begun with configuration\.explorer\.hysteresis = 3\.0, not 1\.0"):
         eval_(arguments)
@@ -317,7 +331,7 @@ def test_chances_are_drawn_alike_and_a_policys_values_over_their_range():
 
 
 def test_the_papers_system_is_as_printed():
-    paper = resolve("paper")
+    paper = configured("paper")
     assert paper.row() == {
         **resolve("fusion").row(),
         "weights": "paper",
@@ -347,13 +361,13 @@ def test_what_takes_tracks_is_refused_where_they_are_for_the_map_alone(weights, 
         with pytest.raises(BadArgument, match=r"takes tracks, which this method has for map and costmap alone"):
             resolve("paper", MethodOptions(**options))
     with pytest.raises(BadArgument, match="a shield foresees tracks"):
-        replace(resolve("paper"), shield=True)
+        replace(configured("paper"), shield=True)
 
 
 def test_every_controller_goes_with_a_shield_and_a_critic():
     body = make_body("tiago")
     config = MethodConfig("dynamic-window", shield=True, critic=SHIPPED, gamma=10.0)
-    navigator = build(config, body.spec, body.lidar)
+    navigator = navigator_of(config, body.spec, body.lidar)
     assert isinstance(navigator.policy, Shield)
     assert isinstance(navigator.policy.policy, DynamicWindow)
     assert isinstance(navigator.explorer.critic, LearnedCritic)

@@ -79,7 +79,7 @@ class Costmap:
         self.origin = (grid.origin[0] + j0 * grid.resolution, grid.origin[1] + i0 * grid.resolution)
         self.radius = radius
         level = np.ascontiguousarray(grid.level[i0:i1, j0:j1])
-        self.state: NDArray[np.int8] = _coarsen(level, config.downsample)
+        self.state: NDArray[np.int8] = coarsen(level, config.downsample)
         _leave_out(self.state, self.origin, step, moving, config.own_cells)
         passable = self.state
         if doubting:
@@ -87,7 +87,7 @@ class Costmap:
             certain = (level > 0) & ~grid.not_updated_for(config.memory)[i0:i1, j0:j1]
             _forget(passable, certain, config.downsample, max(1, round(config.small / step)))
         cap = math.ceil(config.comfort / step * 5.0) + 5
-        self.clearance: NDArray[np.int16] = _chamfer(passable, cap)
+        self.clearance: NDArray[np.int16] = chamfer(passable, cap)
         # An occupied cell's surface is half a cell nearer than its centre.
         lethal = (radius + config.margin + 0.5 * step) / step * 5.0
         comfort = max(config.comfort / step * 5.0, lethal + 1.0)
@@ -124,7 +124,7 @@ class Costmap:
 
 
 @njit(cache=True)
-def _coarsen(level, factor):
+def coarsen(level, factor):
     """Coarsen a grid: a coarse cell is occupied if any of its cells is, free if half of them are."""
     rows, columns = level.shape[0] // factor, level.shape[1] // factor
     state = np.empty((rows, columns), np.int8)
@@ -190,7 +190,7 @@ def _leave_out(state, origin, resolution, moving, margin):
 
 
 @njit(cache=True)
-def _chamfer(state, cap):
+def chamfer(state, cap):
     """Distance to the nearest occupied cell by the 5-7 chamfer (Borgefors 1986), at most 8% too far, capped."""
     rows, columns = state.shape
     d = np.empty((rows, columns), np.int16)

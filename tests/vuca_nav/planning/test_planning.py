@@ -5,7 +5,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from vuca_nav.mapping.grid import GridConfig, OccupancyGrid
-from vuca_nav.planning.costmap import Costmap, CostmapConfig, _chamfer, _coarsen
+from vuca_nav.planning.costmap import Costmap, CostmapConfig, chamfer, coarsen
 from vuca_nav.planning.paths import _DI, _DJ, _LENGTH, UNREACHED, PathField, _dijkstra
 from vuca_nav.planning.waypoints import farthest_free_waypoint
 from vuca_nav.types import Pose2
@@ -33,17 +33,17 @@ def as_grid(picture: np.ndarray) -> OccupancyGrid:
 
 def test_a_coarse_cell_is_what_its_cells_are():
     level = np.array([[-1, -1, 0, 0, 1, -1], [0, 0, 0, -1, -1, -1]], np.int8)
-    assert list(_coarsen(level, 2)[0]) == [1, 0, 2]
+    assert list(coarsen(level, 2)[0]) == [1, 0, 2]
 
 
 def test_chamfer_is_close_to_the_euclidean_distance():
     rng = np.random.default_rng(0)
     state = np.where(rng.random((80, 90)) < 0.01, 2, 1).astype(np.int8)
     exact = np.asarray(distance_transform_edt(state != 2))
-    approximate = _chamfer(state, 1000) / 5.0
+    approximate = chamfer(state, 1000) / 5.0
     assert np.abs(approximate - exact).max() <= 0.08 * exact.max()
     np.testing.assert_array_equal(approximate == 0, state == 2)
-    assert _chamfer(state, 12).max() == 12
+    assert chamfer(state, 12).max() == 12
 
 
 def test_dial_agrees_with_a_library_dijkstra():

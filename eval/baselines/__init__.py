@@ -1,0 +1,1 @@
+"""Methods that are not the project's own, to compare with."""

@@ -1,0 +1,110 @@
+"""Methods of the user's own: ``--method module:build``, a factory in the user's own Python."""
+
+import hashlib
+import importlib
+import re
+import sys
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Literal, NamedTuple
+
+from vuca_nav.errors import BadArgument
+from vuca_nav.mapping.slam import SlamConfig
+from vuca_nav.navigator import Navigator, NavigatorConfig
+from vuca_nav.policy.base import LocalPolicy
+from vuca_nav.stack import Stack
+from vuca_nav.telemetry.interface import Telemetry
+from vuca_nav.types import BodySpec, LidarSpec
+
+_NAME = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
+
+
+class Request(NamedTuple):
+    """What a stack is built for."""
+
+    body: BodySpec
+    """The body that is driven."""
+    lidar: LidarSpec
+    """The body's lidar."""
+    localisation: Literal["slam", "odometry"] = "slam"
+    """"odometry" where the odometry is the true pose (``--without A``)."""
+    telemetry: Telemetry = Telemetry()
+    """Receives what the stages report."""
+
+
+@dataclass(frozen=True, slots=True)
+class UserMethod:
+    """A factory by name: ``my_planner:build`` is the function ``build`` of the module ``my_planner``.
+
+    The factory takes a ``Request`` and returns a ``Navigator``, another ``Stack``, or a ``LocalPolicy``, which is then
+    driven like ``dwa-dh``'s. A module that Python does not find otherwise is looked for in the working directory.
+    """
+
+    name: str
+
+    def row(self) -> dict[str, Any]:
+        """The configuration as JSON holds it, with the SHA-256 of the module's source.
+
+        Raises:
+            BadArgument: The module cannot be loaded.
+        """
+        file = self._load()[0].__file__
+        source = b"" if file is None else Path(file).read_bytes()
+        return {"module": self.name, "source_sha256": hashlib.sha256(source).hexdigest()}
+
+    def build(self, request: Request) -> Stack:
+        """Build the stack.
+
+        Raises:
+            BadArgument: The module cannot be loaded, the factory raises an exception, or it returns something else.
+        """
+        factory = self._load()[1]
+        try:
+            built = factory(request)
+        except Exception as error:  # whatever the user's code raises is the user's to mend
+            raise BadArgument(f"--method {self.name}: {_told(error)}") from error
+        if isinstance(built, LocalPolicy):
+            slam = SlamConfig(localisation=request.localisation)
+            return Navigator(request.body, request.lidar, built, NavigatorConfig(slam=slam), request.telemetry)
+        if not isinstance(built, Stack):
+            raise BadArgument(
+                f"--method {self.name}: it returned {type(built).__name__}; a Navigator or a LocalPolicy would be right"
+            )
+        return built
+
+    def _load(self) -> tuple[ModuleType, Callable[[Request], object]]:
+        if not _NAME.fullmatch(self.name):
+            raise BadArgument(
+                f"--method {self.name}: a method of your own is the names of a module and of a function in it, as in "
+                "my_planner:build"
+            )
+        module_name, _, name = self.name.partition(":")
+        if "" not in sys.path and str(Path.cwd()) not in sys.path:
+            sys.path.append(str(Path.cwd()))  # last, so that no file there hides a package
+        try:
+            module = importlib.import_module(module_name)
+        except ModuleNotFoundError as error:
+            if error.name is None or not f"{module_name}.".startswith(f"{error.name}."):
+                raise BadArgument(f"--method {self.name}: {_told(error)}") from error
+            raise BadArgument(
+                f"--method {self.name}: there is no module {error.name!r} in {Path.cwd()} or on Python's path"
+            ) from None
+        except Exception as error:  # as above
+            raise BadArgument(f"--method {self.name}: {_told(error)}") from error
+        factory = getattr(module, name, None)
+        if not callable(factory):
+            what = "has no" if factory is None else "has, but not as a function,"
+            raise BadArgument(
+                f"--method {self.name}: the module {module_name!r} {what} {name!r}; a function of a Request would be "
+                "right"
+            )
+        return module, factory
+
+
+def _told(error: Exception) -> str:
+    """An exception of the user's code in one line, with the place where it was raised."""
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{type(error).__name__}: {error} ({last.filename}:{last.lineno})"

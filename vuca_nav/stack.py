@@ -1,0 +1,35 @@
+"""What drives a robot through a mission: the interface that every method has, whatever is inside."""
+
+from abc import ABC, abstractmethod
+
+from vuca_nav.mapping.grid import OccupancyGrid
+from vuca_nav.types import Odometry, Pose2, Scan, VelocityCommand
+
+
+class Stack(ABC):
+    """A navigation stack: scans and odometry in, velocity commands out."""
+
+    map_from_base: Pose2
+    """Its estimate of the robot's pose."""
+
+    @abstractmethod
+    def reset(self, start: Pose2, goal: tuple[float, float], prior_map: OccupancyGrid | None = None) -> None:
+        """Begin a mission.
+
+        Args:
+            start: ``map_from_base`` now; it defines the map's frame.
+            goal: Goal in the map [m].
+            prior_map: A map known beforehand, if there is one.
+        """
+
+    @abstractmethod
+    def step(self, scan: Scan, odometry: Odometry) -> VelocityCommand:
+        """One tick, at the lidar's rate.
+
+        Args:
+            scan: The lidar's latest scan.
+            odometry: The body's odometry at the same time.
+
+        Returns:
+            The command to hold until the next tick.
+        """
