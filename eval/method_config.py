@@ -54,15 +54,14 @@ class MethodConfig:
     """Whether a shield filters the controller's commands."""
     critic: Path | Literal["own-value"] | None = None
     """Weights file of the critic whose V^h rates the exploration's candidates, or ``OWN_VALUE``."""
-    explorer: ExplorerSettings = ExplorerSettings()
+    explorer: ExplorerSettings | None = ExplorerSettings()
+    """None if the controller heads for the goal itself: nothing is explored, and no path is planned."""
     gamma: float | None = None
     """Weight of V^h: extra way that is worth it if it surely spares meeting a mover [m], or without dimension for the
     normalised score; None without a critic."""
     tracks: Literal["all", "map"] = "all"
     """What may use the percept's tracks: all stages, or map and costmap alone. Where it is the map alone, weights that
     take tracks, a critic that takes them, and a shield are refused."""
-    direct: bool = False
-    """Whether the controller heads for the goal itself, without exploration and without a path."""
     perception: PerceptionConfig = field(default_factory=PerceptionConfig)
     """Settings of perception, for all stages alike."""
 
@@ -70,7 +69,7 @@ class MethodConfig:
         """Raises BadArgument for a controller without its weights, and for parts that do not go together."""
         if (self.controller == "network") != (self.weights is not None):
             raise BadArgument(f"controller {self.controller!r} with weights {self.weights}: only a network has them")
-        for name, needs in (("gate", "weights"), ("gamma", "critic")):
+        for name, needs in (("gate", "weights"), ("gamma", "critic"), ("critic", "explorer")):
             if getattr(self, name) is not None and getattr(self, needs) is None:
                 raise BadArgument(f"{name} goes with {needs}, which are not given")
         if self.critic == OWN_VALUE and self.weights is None:

@@ -92,7 +92,7 @@ METHODS: dict[str, Method] = {
     "single-plus": Method("one network that sees what fusion-plus sees, D^h", _network("single-plus")),
     "drl": Method(
         "Long et al. as publicly reproduced, the paper's baseline2: heads for the goal itself, without map or path",
-        _network("drl", direct=True),
+        _network("drl", explorer=None),
     ),
 }
 BEST = "ours-dh"
@@ -300,7 +300,7 @@ def _navigator(method: MethodConfig, request: Request) -> Navigator:
         if file is not None:
             _check_tracks(method, file)
     memory = max(method.perception.memory, *looks_back, 0.0)
-    chooses = method.explorer
+    chooses = method.explorer or ExplorerSettings()
     explorer = ExplorerConfig(
         score=chooses.score,
         gamma=method.gamma or 0.0,
@@ -309,7 +309,7 @@ def _navigator(method: MethodConfig, request: Request) -> Navigator:
     )
     config = NavigatorConfig(
         exploration_rate=chooses.rate,
-        direct=method.direct,
+        direct=method.explorer is None,
         perception=replace(method.perception, memory=memory),
         slam=SlamConfig(localisation=localisation),
         explorer=explorer,

@@ -79,7 +79,7 @@ def built(name: str, **options) -> Navigator:
 def test_the_table():
     assert list(METHODS) == [
         "dwa-dh", "ours", "ours-dh", "paper", "paper-dh", "move_base", "move_base+dh", "go-straight",
-        "obstacle-avoidance", "single", "fusion", "fusion-plus", "single-plus",
+        "obstacle-avoidance", "single", "fusion", "fusion-plus", "single-plus", "drl",
     ]  # fmt: skip
     assert resolve("dwa-dh") == MethodConfig("dynamic-window")
     assert resolve("ours").row() == {
@@ -107,6 +107,16 @@ def test_every_method_of_the_table_can_be_built(name):
     if isinstance(policy, LearnedPolicy):
         assert policy.network.weights.path == config.weights
         assert (policy.network.weights.experts > 1) == (config.gate is not None)
+
+
+def test_drl_heads_for_the_goal_itself():
+    """The paper's baseline2 is given the goal and has no global planning (Section IV-C)."""
+    navigator = built("drl")
+    assert navigator.config.direct
+    assert not built("ours-dh").config.direct
+    policy = navigator.policy
+    assert isinstance(policy, LearnedPolicy)
+    assert policy.network.weights.observation.kind == "frames"
 
 
 def test_what_the_methods_differ_in(weights):

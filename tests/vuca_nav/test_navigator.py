@@ -273,6 +273,26 @@ def test_the_policy_is_told_to_stand_when_it_is_there():
     assert recorder.goals[15:] == [None] * 45
 
 
+def test_a_policy_without_planning_is_given_the_goal_itself():
+    """Straight through the blind alley's walls, by the estimated pose, and without a survey of the map."""
+    recorder, told = Recorder(VelocityCommand(0.5, 0.0, 0.0)), Counting()
+    config = NavigatorConfig(direct=True)
+    navigator = Navigator(disc_body(), LIDAR, recorder, config, told)
+    start = Pose2(2.0, 5.1, 0.5 * math.pi)
+    navigator.reset(start, GOAL)
+    for k in range(61):
+        navigator.step(scan_of(ALLEY, start, k * DT), Odometry(k * DT, STANDING, Twist2(0.0, 0.0, 0.0)))
+    assert (told.decisions, told.paths) == (0, 3)
+    for goal in recorder.goals:
+        assert goal is not None
+        assert goal.is_final
+        assert goal.point_in_base == pytest.approx((0.0, -15.0), abs=0.1)
+    assert navigator.plan.path_in_map == pytest.approx(np.array([start[:2], GOAL]), abs=0.05)
+    navigator.goal = start[:2]  # it is there
+    navigator.step(scan_of(ALLEY, start, 61 * DT), Odometry(61 * DT, STANDING, Twist2(0.0, 0.0, 0.0)))
+    assert recorder.goals[-1] is None
+
+
 def test_every_stage_is_entered_once_a_tick(monkeypatch, tmp_path):
     """With all that looks at the percept: a shield over a network with tracks, and a critic."""
     calls: Counter[str] = Counter()

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tests.train.navigation.open_ground import Step
-from train.arena.rewards import REWARDS, TERMS, find_rewards, reward_terms
+from train.arena.rewards import TERMS, find_rewards, reward_terms
 from vuca_nav.errors import UnknownName
 from vuca_nav.task import risk_score
 
@@ -13,7 +13,7 @@ def terms_of(column, *, progress=0.0, clearance=6.0, turn_rate=0.0, collided=Fal
         np.array([reached]), np.array([timed_out]), np.zeros((1, 1)),
     )  # fmt: skip
     out = np.full((len(TERMS), 1), np.nan, np.float32)
-    reward_terms(step, REWARDS[column], out)
+    reward_terms(step, find_rewards(column), out)
     return dict(zip(TERMS, out[:, 0]))
 
 
@@ -49,6 +49,12 @@ def only(**wanted):
         ("careful", {"progress": 0.1, "clearance": 0.1, "turn_rate": 2.0}, {"R_g": 0.4}),
         ("careful", {"collided": True}, {"R_c": -45.0}),
         ("careful", {"timed_out": True}, {"R_e": -5.0}),
+        ("drl", {"progress": 0.1, "clearance": 0.1, "turn_rate": 1.05}, {"R_g": 0.25}),
+        ("drl", {"progress": -0.1}, {"R_g": -0.25}),
+        ("drl", {"turn_rate": 1.2}, {"R_a": -0.12}),
+        ("drl", {"progress": 0.1, "collided": True}, {"R_g": 0.25, "R_c": -15.0}),
+        ("drl", {"progress": 0.1, "reached": True}, {"R_r": 15.0}),
+        ("drl", {"timed_out": True}, {}),
     ],
 )
 def test_a_step_is_paid_as_in_the_table(column, what, wanted):

@@ -62,9 +62,9 @@ def test_the_entropy_of_a_gate():
     assert entropy(shares).tolist() == pytest.approx([np.log(4.0), 0.0, np.log(2.0)], abs=1e-6)
 
 
-@pytest.mark.parametrize("kind", ["paper", "tracked"])
+@pytest.mark.parametrize("kind", ["paper", "tracked", "frames"])
 def test_what_a_mirrored_robot_sees_is_the_mirror_image(kind):
-    config = ObservationConfig(sectors=12, kind=kind)
+    config = ObservationConfig(sectors=9 if kind == "frames" else 12, kind=kind)
     outline = np.array([[0.3, 0.2], [-0.3, 0.2], [-0.3, -0.2], [0.3, -0.2]])
     body = BodySpec("box", outline, 1.0, -0.5, 0.4, 1.2, 1.0, 1.0, 2.0)
     rng = np.random.default_rng(0)

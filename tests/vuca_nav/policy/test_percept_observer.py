@@ -44,7 +44,7 @@ def hall(rng: np.random.Generator, tick: int) -> np.ndarray:
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("world", [noise, hall])
 @pytest.mark.parametrize("body", BODIES.values(), ids=BODIES)
-@pytest.mark.parametrize("kind", ["paper", "tracked"])
+@pytest.mark.parametrize("kind", ["paper", "tracked", "frames"])
 def test_it_is_what_training_sees(kind, body, world, seed):
     """To the bit, if perception tracks as far as training does; after a reset too."""
     rng, config = np.random.default_rng(seed), ObservationConfig(kind=kind)
