@@ -126,7 +126,7 @@ _ALL = (
         name="drl",
         about="The baseline of Long et al. as publicly reproduced, second stage: 44 robots in a hall of mixed ground.",
         rewards=DRL, arena=_DRL_HALL, observation=_FRAMES,
-        network=NetworkConfig(architecture="convolutional", initial_std=0.25), ppo=_DRL_SECOND, steps=500_000,
+        network=NetworkConfig(architecture="convolutional", initial_std=0.25), ppo=_DRL_SECOND, steps=400_000,
         sources=("drl-circle",),
     ),
 )  # fmt: skip
