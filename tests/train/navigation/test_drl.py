@@ -141,7 +141,7 @@ def test_it_learns_to_walk_to_its_goal():
     mind = make_local_learner(stage, 0, Alone(), Forward(stage, 64))
     mind.restart()
     reports = [mind.iterate(k / 12) for k in range(12)]
-    assert reports[-1]["reward/R_g"] > 1.3 * reports[0]["reward/R_g"]
+    assert reports[-1]["reward/R_g"] > 1.1 * reports[0]["reward/R_g"]
     assert "gate/entropy" not in reports[0]
     assert set(reports[0]) >= {"std/v_x", "std/w_z"}
 
