@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from robots.bodies.kinematics import heading_rate, planar_pose, rotation_of
 from robots.contacts import Touch
+from vuca_nav.kernel_cache import njit
 from vuca_nav.types import FloatArray
 from worlds.arrays import ShapeArrays
 from worlds.level_raycast import level_columns

@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 
 import llvmlite
 import numba
+import numba.core.config
 import numpy as np
 from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
@@ -39,7 +40,7 @@ _PACKAGES = frozenset({"vuca_nav", "worlds", "robots", "eval", "train"})
 _IMPORT = re.compile(r"^from ([\w.]+) import (\([^)]*\)|.*)|^import ([\w.]+)", re.MULTILINE)
 _COMPILER = (
     f"{sys.implementation.cache_tag} {numba.__version__} {llvmlite.__version__} {np.__version__} "
-    f"{numba.config.USING_SVML}"  # Intel's functions, if the package icc_rt is installed
+    f"{getattr(numba.core.config, 'USING_SVML', None)}"  # Intel's functions, if the package icc_rt is installed
 )
 
 
@@ -53,7 +54,7 @@ def njit(function: Callable[..., Any] | None = None, *, cache: bool = True, **op
     """
     if function is None:
         return lambda kernel: njit(kernel, cache=cache, **options)
-    dispatcher = numba.njit(function, **options)
+    dispatcher: Any = numba.njit(function, **options)
     if cache and hasattr(dispatcher, "_cache"):  # NUMBA_DISABLE_JIT leaves the plain function
         dispatcher._cache = KernelCache(function)
     return dispatcher

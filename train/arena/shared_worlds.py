@@ -8,12 +8,12 @@ import math
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numba import njit
 
 from robots.clearance import Outlines
 from train.arena.bodies import HIGHEST, RADIUS
 from train.arena.kernels import EpisodeSettings, EpisodeSource
 from train.arena.rows import GOAL_X, GOAL_Y, SHORTEST, START_X, START_Y, Episodes, Robots, Streams
+from vuca_nav.kernel_cache import njit
 from worlds.splitmix import next_uniform
 
 START_GAP = 1.0

@@ -54,6 +54,7 @@ def _tensors_of(actor: Actor, critic: nn.Module) -> dict[str, Tensor]:
             for name, layers in (("conv_", trunk.convolution_layers), ("", trunk.layers)):
                 for k, layer in enumerate(layers):
                     stacked = not prefix and not name
+                    assert layer.bias is not None
                     weight, bias = (layer.weight[None], layer.bias[None]) if stacked else (layer.weight, layer.bias)
                     tensors[f"{prefix}{name}weight_{k}"], tensors[f"{prefix}{name}bias_{k}"] = weight, bias
         return tensors

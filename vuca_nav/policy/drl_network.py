@@ -7,8 +7,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from vuca_nav.kernel_cache import njit
 from vuca_nav.policy.frames import GOAL_SIZE, SPEED_SIZE
 
 CONVOLUTIONS = ((32, 5), (32, 3))

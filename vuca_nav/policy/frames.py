@@ -8,7 +8,7 @@ drives every body. The goal is where SLAM believes it is, at most ``FARTHEST_GOA
 
 import math
 
-from numba import njit
+from vuca_nav.kernel_cache import njit
 
 FARTHEST_GOAL = 10.0
 """Distance at which a goal is shown that is farther away [m]: the farthest in the reproduction's first stage."""

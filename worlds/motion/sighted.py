@@ -8,8 +8,7 @@ line, a random walk on its heading.
 
 import math
 
-from numba import njit
-
+from vuca_nav.kernel_cache import njit
 from worlds.motion.crowd import (
     ARRIVAL,
     KEEP_OFF,

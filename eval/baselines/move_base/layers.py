@@ -4,10 +4,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from eval.baselines.move_base.config import LayersConfig
+from vuca_nav.kernel_cache import njit
 from vuca_nav.mapping.grid import OccupancyGrid
 from vuca_nav.planning.costmap import OCCUPIED, UNKNOWN, Costmap, chamfer, coarsen
 from vuca_nav.planning.paths import PathField

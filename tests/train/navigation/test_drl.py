@@ -10,7 +10,7 @@ from tests.train.navigation.open_ground import OpenGround
 from train.arena.config import KINDS
 from train.navigation.config import RunConfig
 from train.navigation.learner import make_local_learner
-from train.navigation.networks import ConvolutionalActor, NetworkConfig, make_actor, make_critic_of
+from train.navigation.networks import ConvolutionalActor, ConvolutionalTrunk, NetworkConfig, make_actor, make_critic_of
 from train.navigation.stages import STAGES, find_stage
 from train.navigation.training import check_run
 from train.navigation.weights import actor_of, export, find_sources, start_from
@@ -49,6 +49,7 @@ def test_the_network_has_the_shapes_of_the_reproduction(sectors, flat):
     actor, critic = networks(dataclasses.replace(FRAMES, sectors=sectors))
     assert convolved_size(sectors) == flat
     for trunk, outputs in ((actor.trunk, 2), (critic, 1)):
+        assert isinstance(trunk, ConvolutionalTrunk)
         shapes = [tuple(layer.weight.shape) for layer in (*trunk.convolution_layers, *trunk.layers)]
         assert shapes == [(32, 3, 5), (32, 32, 3), (256, flat), (128, 260), (outputs, 128)]
         assert [(c.stride, c.padding) for c in trunk.convolution_layers] == [((2,), (1,))] * 2

@@ -81,6 +81,8 @@ def test_a_policys_own_value_is_its_critic_for_the_observation_with_the_goal_rep
                 x = np.maximum(x, 0.0) if activation == "relu" else np.where(x > 0.0, x, np.exp(x) - 1.0)
         assert value == pytest.approx(x[0], abs=2e-5)
     assert np.ptp(values) > 1e-3
+
+
 def test_chances_are_added_up_in_a_fixed_order(tmp_path):
     """Bit for bit the sum over inputs in their order, each product and sum rounded once in single precision."""
     weights = load_critic(random_safety(tmp_path / "s.safetensors"))
@@ -90,10 +92,12 @@ def test_chances_are_added_up_in_a_fixed_order(tmp_path):
     observation = PerceptObserver(TRACKED, BODY, LIDAR).observe(percept, (0.0, 0.0))
     at = TRACKED.goal_slice
     others = [k for k in range(TRACKED.size) if k not in range(at.start, at.stop)]
+
     def added_up(x, weight, total):
         for k, column in zip(x[0], x[1]):
             total = total + weight[:, column] * k
         return total
+
     (first, second, last), (bias, bias_1, bias_2) = weights.weights, weights.biases
     common = added_up((observation[others], others), first, bias)
     goals = goal_features(transform_points(inverse(pose), points))
