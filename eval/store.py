@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from eval.checked import CONFIG_KINDS, RUN_KINDS, check_values
 from vuca_nav.data_files import parse_json, read_text
 from vuca_nav.errors import BadArgument
 from vuca_nav.files import write_whole
@@ -41,6 +42,9 @@ def read_config(directory: Path) -> StoredConfig:
     config, made_by, runs = parts.get("config"), parts.get("made_by"), parts.get("runs", [])
     if not (isinstance(config, dict) and isinstance(made_by, dict) and isinstance(runs, list)):
         raise BadArgument(wrong)
+    check_values(config, CONFIG_KINDS, wrong)
+    for run in runs:
+        check_values(run, RUN_KINDS, f"{wrong}: a run")
     return StoredConfig(config, made_by, runs)
 
 

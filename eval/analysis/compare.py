@@ -13,9 +13,10 @@ import numpy as np
 
 from eval.analysis.statistics import mcnemar_exact, paired_difference
 from eval.analysis.summary import dials_in_words
+from eval.checked import ROW_KINDS, check_values
 from eval.episode import OUTCOMES
 from eval.store import Row
-from vuca_nav.data_files import parse_json, read_text
+from vuca_nav.data_files import parse_json, read_text, shown
 from vuca_nav.errors import BadArgument
 
 EPISODE = ("world", "region", "movers", "speed", "sighted", "without", "robot", "start", "goal", "seed")
@@ -39,18 +40,16 @@ def read_episodes(folder: Path, seeds: range | None = None) -> dict[str, Row]:
     path = folder / "episodes.jsonl"
     wrong = f"{path} is not a list of episodes"
     lines = read_text(path, BadArgument, MOST_ROWS).splitlines()
-    try:
-        rows = [
-            {**_ADDED_LATER, **parse_json(line, f"{wrong}: line {n}", BadArgument)}
-            for n, line in enumerate(lines, start=1)
-        ]
-        if seeds is not None:
-            rows = [row for row in rows if row["seed"] in seeds]
-        episodes: dict[str, Row] = {json.dumps([row[key] for key in EPISODE]): row for row in rows}
-        if not all(isinstance(row["outcome"], str) for row in rows):
-            raise ValueError("outcomes must be text")
-    except (ValueError, KeyError, TypeError) as error:
-        raise BadArgument(f"{wrong}: {error}") from error
+    rows: list[Row] = []
+    for number, line in enumerate(lines, start=1):
+        row = {**_ADDED_LATER, **parse_json(line, f"{wrong}: line {number}", BadArgument)}
+        check_values(row, ROW_KINDS, f"{wrong}: line {number}")
+        missing = [key for key in (*EPISODE, "outcome") if key not in row]
+        if missing:
+            raise BadArgument(f"{wrong}: line {number}: {', '.join(missing)} missing")
+        if seeds is None or row["seed"] in seeds:
+            rows.append(row)
+    episodes = {json.dumps([row[key] for key in EPISODE]): row for row in rows}
     if not episodes:
         raise BadArgument(f"{path} has no episodes{'' if seeds is None else ' of these seeds'}")
     return episodes
@@ -106,7 +105,7 @@ def _task(row: Row) -> str:
     if row["region"] is not None:
         name += f" {row['region']}"
     name += dials_in_words(row)
-    return f"{row['robot']}, {name}" + (f", without {row['without']}" if row["without"] else "")
+    return shown(f"{row['robot']}, {name}" + (f", without {row['without']}" if row["without"] else ""), 200)
 
 
 def table(name: str, against: str, differences: dict[str, Differences]) -> str:

@@ -16,6 +16,7 @@ from eval.analysis.summary import dials_in_words, is_result, statistics_of, summ
 from eval.episode import OUTCOMES
 from eval.methods import title_of
 from eval.store import Row, StoredConfig, read_config
+from vuca_nav.data_files import shown
 from vuca_nav.errors import BadArgument
 from vuca_nav.files import prepare_directory, write_whole
 
@@ -48,7 +49,9 @@ def read_evaluation(directory: Path) -> Evaluation:
     stored, episodes = read_config(directory), read_episodes(directory)
     for row in episodes.values():
         if not is_result(row):
-            raise BadArgument(f"{directory / 'episodes.jsonl'} has a row that is not the result of an episode: {row}")
+            raise BadArgument(
+                f"{directory / 'episodes.jsonl'} has a row that is not the result of an episode: {shown(row, 500)}"
+            )
     return Evaluation(directory.resolve().name, stored, episodes)
 
 
@@ -195,7 +198,9 @@ def _table(header: Sequence[str], cells: Sequence[Sequence[Any]]) -> list[str]:
 
 
 def _line(cells: Sequence[Any]) -> str:
-    return f"| {' | '.join(str(cell).replace('|', chr(92) + '|') for cell in cells)} |"
+    """A line of a table; what a folder says is one line of text in it, neither markup nor columns."""
+    texts = (shown(cell, 1000).replace("|", "\\|").replace("<", "&lt;") for cell in cells)
+    return f"| {' | '.join(texts)} |"
 
 
 def _unique(values: Iterable[str]) -> list[str]:

@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from eval.analysis.statistics import mean, wilson_interval
+from eval.checked import is_number
 from eval.episode import OUTCOMES
 from eval.store import Row
 
@@ -41,8 +42,10 @@ _COLUMNS = (
 
 def is_result(row: Row) -> bool:
     """Whether a row has all the fields that a summary needs."""
-    return row.get("outcome") in OUTCOMES and all(
-        name in row and isinstance(row[name], (int, float, type(None))) for name in MEANS
+    return (
+        row.get("outcome") in OUTCOMES
+        and all(name in row and (row[name] is None or is_number(row[name])) for name in MEANS)
+        and all(name in row for name in GROUP_BY)
     )
 
 
