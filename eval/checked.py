@@ -41,6 +41,7 @@ def _is_command(value: Any) -> bool:
 
 TEXT = Kind("a text", lambda value: isinstance(value, str))
 COUNT = Kind(f"an integer from 0 to {MOST:g}", _is_count)
+NUMBER = Kind("a number", is_number)
 NUMBERS = Kind("a list of numbers", lambda value: isinstance(value, list) and all(map(is_number, value)))
 SEEDS = Kind("two integers", lambda value: isinstance(value, list) and len(value) == 2 and all(map(_is_count, value)))
 OBJECT = Kind("an object", lambda value: isinstance(value, dict))
@@ -49,6 +50,8 @@ ROW_KINDS: Mapping[str, Kind] = {
     "world": TEXT,
     "region": COUNT.or_none(),
     "movers": COUNT.or_none(),
+    "speed": NUMBER,
+    "sighted": NUMBER.or_none(),
     "without": TEXT,
     "robot": TEXT,
     "start": NUMBERS.or_none(),

@@ -42,8 +42,9 @@ def read_episodes(folder: Path, seeds: range | None = None) -> dict[str, Row]:
     lines = read_text(path, BadArgument, MOST_ROWS).splitlines()
     rows: list[Row] = []
     for number, line in enumerate(lines, start=1):
-        row = {**_ADDED_LATER, **parse_json(line, f"{wrong}: line {number}", BadArgument)}
-        check_values(row, ROW_KINDS, f"{wrong}: line {number}")
+        parsed = parse_json(line, f"{wrong}: line {number}", BadArgument)
+        check_values(parsed, ROW_KINDS, f"{wrong}: line {number}")
+        row = {**_ADDED_LATER, **parsed}
         missing = [key for key in (*EPISODE, "outcome") if key not in row]
         if missing:
             raise BadArgument(f"{wrong}: line {number}: {', '.join(missing)} missing")
