@@ -9,6 +9,8 @@ RAY_VENV ?= .venv-ray
 # So is stable-baselines3: nothing here needs it but its adapter. moviepy writes the video that a test records, and wants
 # an older Pillow than the lock has.
 SB3_VENV ?= .venv-sb3
+AUDIT_VENV ?= .venv-audit
+comma := ,
 RUNS ?= runs
 ROBOT ?= tiago
 METHOD ?= ours-dh
@@ -17,12 +19,13 @@ WORKERS ?= 2
 DEMO_REGION ?= 1
 DEMO_SEED ?= 8
 
-# The first Python that is new enough; override with `make PYTHON=/path/to/python3.12 ...`.
+# The first Python that will do; override with `make PYTHON=/path/to/python3.12 ...`.
+FITS := import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
-	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && command -v $$p && break; done)
+	$$p -c '$(FITS)' 2>/dev/null && command -v $$p && break; done)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow test-ray test-sb3 lint format types layers bench docs lock clean
+.PHONY: help demo test test-slow test-ray test-sb3 lint format types layers audit bench docs lock clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -30,36 +33,45 @@ help: ## this list
 # -- installation: one lock file, used as constraints, so the demo does without the developer's tools ----------
 
 %/bin/python:
-	@test -n "$(PYTHON)" || { echo "make: needs Python 3.11 or newer on PATH, or make PYTHON=/path/to/python3.11" >&2; exit 1; }
+	@test -n "$(PYTHON)" || { echo "make: needs Python 3.11, 3.12 or 3.13 on PATH, or make PYTHON=/path/to/python3.12" >&2; exit 1; }
+	@$(PYTHON) -c '$(FITS)' || { echo "make: needs Python 3.11, 3.12 or 3.13, which it is tried with, not $$($(PYTHON) --version 2>&1)" >&2; exit 1; }
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { echo "make: $(PYTHON) has no venv module; on Debian and Ubuntu: apt install python3-venv" >&2; exit 1; }
 	$(PYTHON) -m venv $*
 
+# $(call install,VENV,EXTRAS). dm-control comes by itself, without labmaze, which Python 3.13 cannot install (pyproject.toml).
+PIP_INSTALL := -m pip install --quiet --disable-pip-version-check -c requirements.lock
+define install
+	$(1)/bin/python $(PIP_INSTALL) -e '.[$(2)]'
+	$(1)/bin/python $(PIP_INSTALL) --no-deps dm-control
+endef
+
 $(VENV)/.installed-sim: requirements.lock pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[sim]'
+	$(call install,$(VENV),sim)
 	@touch $@
 
 $(VENV)/.installed-dev: requirements.lock pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[dev]'
+	$(call install,$(VENV),dev)
 	@touch $@ $(VENV)/.installed-sim
 
 $(VENV)/.installed-docs: requirements.lock pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[docs]'
+	$(BIN)/python $(PIP_INSTALL) -e '.[docs]'
 	@touch $@
 
 $(RAY_VENV)/.installed: requirements.lock pyproject.toml | $(RAY_VENV)/bin/python
-	$(RAY_VENV)/bin/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[dev,distributed]'
+	$(call install,$(RAY_VENV),dev$(comma)distributed)
 	@touch $@
 
 $(SB3_VENV)/.installed: requirements.lock pyproject.toml | $(SB3_VENV)/bin/python
-	$(SB3_VENV)/bin/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[dev,sb3]'
+	$(call install,$(SB3_VENV),dev$(comma)sb3)
 	$(SB3_VENV)/bin/python -m pip install --quiet --disable-pip-version-check moviepy
 	@touch $@
 
 lock: ## pin the newest versions that fit pyproject.toml, resolved in a clean environment
-	@test -n "$(PYTHON)" || { echo "make: needs Python 3.11 or newer on PATH" >&2; exit 1; }
+	@test -n "$(PYTHON)" || { echo "make: needs Python 3.11, 3.12 or 3.13 on PATH" >&2; exit 1; }
 	@set -e; tmp=$$(mktemp -d); trap 'rm -rf "$$tmp"' EXIT; \
 	$(PYTHON) -m venv "$$tmp/venv"; \
 	"$$tmp/venv/bin/python" -m pip install --quiet --disable-pip-version-check -e '.[dev,docs,distributed]'; \
+	"$$tmp/venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps dm-control==1.0.50; \
 	{ echo '# Exact versions of everything in vuca-nav[dev,docs,distributed] (which include [sim] and [train]); made by `make lock`.'; \
 	  "$$tmp/venv/bin/python" -m pip freeze --exclude-editable | grep -v '^#' | sed 's/+cpu$$//' | grep -v '^nvidia\|^triton\|^cuda' | LC_ALL=C sort -f; } > "$$tmp/lock"; \
 	cp "$$tmp/lock" requirements.lock; echo "requirements.lock: $$(grep -c == requirements.lock) packages"
@@ -99,6 +111,9 @@ types: $(VENV)/.installed-dev ## static types
 
 layers: $(VENV)/.installed-dev ## one direction of imports
 	$(BIN)/lint-imports
+
+audit: | $(AUDIT_VENV)/bin/python ## known weaknesses of the locked packages; skipped where no database is reached
+	$(AUDIT_VENV)/bin/python .ci/audit.py
 
 docs: $(VENV)/.installed-docs ## the pages as a site, build/site/index.html; a broken link ends it
 	$(BIN)/mkdocs build --strict
