@@ -13,32 +13,10 @@ from eval.metrics import TIMING_FIELDS
 from vuca_nav.cli import main, run_module
 from worlds.fairness import FairnessArguments
 
-ROOM = """\
-format: vuca-scene-1
-name: room
-seed: 0
-bounds: {x_min: 0, y_min: 0, x_max: 6, y_max: 4}
-start: {x: 1.2, y: 2.0, yaw: 0.0}
-goal: {x: 4.0, y: 2.2}
-obstacles:
-  - {kind: wall, shape: {type: box, x: 3.0, y: 0.05, length: 6.0, width: 0.1, yaw: 0.0, height: 2.0}}
-  - {kind: wall, shape: {type: box, x: 3.0, y: 3.95, length: 6.0, width: 0.1, yaw: 0.0, height: 2.0}}
-  - {kind: wall, shape: {type: box, x: 0.05, y: 2.0, length: 0.1, width: 4.0, yaw: 0.0, height: 2.0}}
-  - {kind: wall, shape: {type: box, x: 5.95, y: 2.0, length: 0.1, width: 4.0, yaw: 0.0, height: 2.0}}
-movers: []
-"""
-
 
 def vuca(*arguments: str | Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "vuca_nav.cli", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=cwd, check=False)
-
-
-@pytest.fixture(scope="module")
-def room(tmp_path_factory) -> Path:
-    path = tmp_path_factory.mktemp("scene") / "room.yaml"
-    path.write_text(ROOM)
-    return path
 
 
 def test_help_lists_every_command_with_a_line():
