@@ -14,7 +14,7 @@ from eval.provenance import provenance
 from eval.runner import Crash, RunEpisode, key_of, run_episodes, run_one
 from eval.store import ResultStore, Row
 from vuca_nav.errors import BadArgument
-from vuca_nav.provenance import machine
+from vuca_nav.provenance import find_commit, machine
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,17 +71,28 @@ def evaluate(
             print(f"{len(done)} of {len(configs)} episodes are there already", file=sys.stderr)
         if todo:
             began = datetime.now(UTC).isoformat(timespec="seconds")
-            store.note_run({"began": began, "command": command, "machine": machine()})
+            run: Row = {"began": began, "command": command, "machine": machine()}
+            reason = find_commit().reason
+            if reason is not None:
+                run["commit_not_known"] = reason
+                print(f"the commit is not known: {reason}", file=sys.stderr)
+            store.note_run(run)
         pause = 0.1 if sys.stderr.isatty() else 10.0  # between two updates [s]: in a log each is a line
         with tqdm(total=len(configs), initial=len(done), unit="episode", file=sys.stderr, mininterval=pause) as bar:
-            for result in run_episodes(todo, workers, job) if todo else ():
-                if isinstance(result, Crash):
-                    crashes.append(result)
-                    bar.write(f"crashed: {result.config}\n{result.trace}", file=sys.stderr)
-                else:
-                    store.append(result)
-                bar.set_postfix_str(_outcomes(store.rows), refresh=False)
-                bar.update()
+            try:
+                for result in run_episodes(todo, workers, job) if todo else ():
+                    if isinstance(result, Crash):
+                        crashes.append(result)
+                        bar.write(f"crashed: {result.config}\n{result.trace}", file=sys.stderr)
+                    else:
+                        store.append(result)
+                    bar.set_postfix_str(_outcomes(store.rows), refresh=False)
+                    bar.update()
+            except KeyboardInterrupt:
+                bar.close()
+                kept = f"{len(store.rows)} of {len(configs)} episodes are in {out}"
+                print(f"{kept}; the same command goes on from there", file=sys.stderr)
+                raise
         rows = sorted(store.rows, key=lambda row: place[key_of(row)])
         groups, total = summarise(rows), statistics_of(rows)
         failures = [{"config": crash.config, "error": crash.error} for crash in crashes]

@@ -58,31 +58,34 @@ def run_episodes(configs: Sequence[EpisodeConfig], workers: int, job: RunEpisode
     """
     with worker_pool(max(1, min(workers, len(configs)))) as pool:
         waiting = {pool.submit(_run_safely, job, config): config for config in configs}
-        try:
-            for future in as_completed(waiting):
-                config = waiting.pop(future)
-                try:
-                    yield future.result()
-                except BrokenProcessPool as error:
-                    yield Crash(config.row(), "a worker process died; run again to go on", str(error))
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+        for future in as_completed(waiting):
+            config = waiting.pop(future)
+            try:
+                yield future.result()
+            except BrokenProcessPool as error:
+                yield Crash(config.row(), "a worker process died; run again to go on", str(error))
 
 
 @contextmanager
 def worker_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """Start processes of a single thread each.
+    """Start processes of a single thread each; after an exception they are ended in the middle of their work.
 
     Args:
         workers: Number of processes.
     """
     spawn = multiprocessing.get_context("spawn")
+    others = set(multiprocessing.active_children())
     with (
         _single_threaded_children(),
         ProcessPoolExecutor(workers, mp_context=spawn, initializer=_start_worker) as pool,
     ):
-        yield pool
+        try:
+            yield pool
+        except BaseException:  # an interrupt, or the one who reads the results has stopped
+            pool.shutdown(wait=False, cancel_futures=True)
+            for process in set(multiprocessing.active_children()) - others:
+                process.terminate()
+            raise
 
 
 def _run_safely(job: RunEpisode, config: EpisodeConfig) -> Row | Crash:

@@ -4,8 +4,9 @@
 with its machine; ``episodes.jsonl`` gets a row as an episode ends; ``summary.json`` is written at the end.
 """
 
-import fcntl
 import json
+import os
+import sys
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,7 +14,7 @@ from typing import Any, NamedTuple
 from eval.checked import CONFIG_KINDS, RUN_KINDS, check_values
 from vuca_nav.data_files import parse_json, read_text
 from vuca_nav.errors import BadArgument
-from vuca_nav.files import write_whole
+from vuca_nav.files import DirectoryLock, write_whole
 
 Row = dict[str, Any]
 
@@ -52,7 +53,7 @@ class ResultStore:
     """Directory of one evaluation, opened for writing; use it as a context manager.
 
     Args:
-        directory: Made if it does not exist.
+        directory: Made if it does not exist; locked while the store is open.
         config: The evaluation. A directory that holds another configuration is refused.
         made_by: Versions, commit and settings of the code that runs it. A directory that other code began is refused.
 
@@ -63,22 +64,23 @@ class ResultStore:
 
     def __init__(self, directory: Path, config: Row, made_by: Row):
         self.directory = directory
+        self._rows_file = directory / "episodes.jsonl"
         try:
             directory.mkdir(parents=True, exist_ok=True)
-            self._check_config(config, made_by)
-            self._file = open(directory / "episodes.jsonl", "a+b", buffering=0)  # noqa: SIM115
+            self._lock = DirectoryLock(directory, "vuca eval")
+            try:
+                self._check_config(config, made_by)
+                self._file = open(self._rows_file, "a+b", buffering=0)  # noqa: SIM115
+            except BaseException:
+                self._lock.release()
+                raise
         except OSError as error:
             raise BadArgument(f"cannot write {error.filename or directory}: {error.strerror}") from None
         try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            self._file.close()
-            raise BadArgument(f"{directory} is being written by another vuca eval") from None
-        try:
             self._drop_torn_line()
             self.rows: list[Row] = list(self._read())
-        except BadArgument:
-            self._file.close()
+        except BaseException:
+            self.__exit__()
             raise
 
     def __enter__(self) -> "ResultStore":
@@ -86,12 +88,28 @@ class ResultStore:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close the file and with it the lock."""
+        """Close the file and release the lock."""
         self._file.close()
+        self._lock.release()
 
     def append(self, row: Row) -> None:
-        """Add a row in one write, so that a kill loses at most this one."""
-        self._file.write(f"{json.dumps(row, allow_nan=False)}\n".encode())
+        """Add a row, whole or not at all: what a full disk takes of it is cut away again.
+
+        Raises:
+            BadArgument: The disk is full, or cannot be written for another reason.
+        """
+        line = f"{json.dumps(row, allow_nan=False)}\n".encode()
+        end = self._file.seek(0, os.SEEK_END)
+        written = 0
+        try:
+            while written < len(line):  # a disk that becomes full takes a part, without an error
+                written += self._file.write(line[written:])
+        except OSError as error:
+            self._file.truncate(end)
+            raise BadArgument(
+                f"cannot write {self._rows_file}: {error.strerror}; the {len(self.rows)} rows before are whole: "
+                "make room and give the same command again"
+            ) from error
         self.rows.append(row)
 
     def note_run(self, run: Row) -> None:
@@ -108,13 +126,13 @@ class ResultStore:
         """Put the rows into a given order and write the summary, each file replaced as a whole."""
         self.rows = list(ordered_rows)
         lines = "".join(f"{json.dumps(row, allow_nan=False)}\n" for row in self.rows)
-        write_whole(self.directory / "episodes.jsonl", lines)
+        write_whole(self._rows_file, lines)
         write_whole(self.directory / "summary.json", _pretty(summary))
 
     def _check_config(self, config: Row, made_by: Row) -> None:
         path = self.directory / "config.json"
         if not path.exists():
-            if (self.directory / "episodes.jsonl").exists():
+            if self._rows_file.exists():
                 raise BadArgument(f"{self.directory} has episodes but no config.json; choose an empty directory")
             write_whole(path, _pretty({"config": config, "made_by": made_by, "runs": []}))
             return
@@ -130,12 +148,13 @@ class ResultStore:
                 )
 
     def _drop_torn_line(self) -> None:
-        """Drop a last line without its end, as a kill in the middle of a write leaves it."""
+        """Drop a last line without its end, as a kill in the middle of a write leaves it, and say so."""
         self._file.seek(0)
         content = self._file.read()
         whole = content.rfind(b"\n") + 1
         if whole < len(content):
             self._file.truncate(whole)
+            print(f"{self._rows_file}: dropped a last row that was not written to its end", file=sys.stderr)
 
     def _read(self) -> Iterable[Row]:
         self._file.seek(0)
@@ -143,9 +162,11 @@ class ResultStore:
             try:
                 row = json.loads(line, parse_constant=_refuse)
             except ValueError:
-                raise BadArgument(f"{self.directory / 'episodes.jsonl'}:{number} is not JSON") from None
+                raise BadArgument(
+                    f"{self._rows_file}:{number} is not JSON; remove the line, and its episode runs again"
+                ) from None
             if not isinstance(row, dict):
-                raise BadArgument(f"{self.directory / 'episodes.jsonl'}:{number} is not a row, which is an object")
+                raise BadArgument(f"{self._rows_file}:{number} is not a row, which is an object")
             yield row
 
 

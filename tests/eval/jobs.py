@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import time
 from typing import Any
 
 from eval.episode import EpisodeConfig
@@ -44,3 +45,10 @@ def episode_that_kills_its_worker(config: EpisodeConfig) -> dict[str, Any]:
 def threads_of_a_worker(config: EpisodeConfig) -> dict[str, Any]:
     """How many threads the numerical libraries may use."""
     return {**config.row(), "threads": [os.environ.get(name) for name in THREAD_VARIABLES]}
+
+
+def episode_that_waits_on_seed_1(config: EpisodeConfig) -> dict[str, Any]:
+    """One seed takes for ever."""
+    while config.seed == 1:
+        time.sleep(60.0)
+    return episode_by_hash(config)

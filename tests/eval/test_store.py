@@ -110,3 +110,28 @@ def test_a_directory_that_is_a_file(tmp_path):
         ResultStore(tmp_path / "file", CONFIG, VERSIONS)
     with pytest.raises(BadArgument, match="cannot write"):
         ResultStore(tmp_path / "file" / "below", CONFIG, VERSIONS)
+
+
+def test_a_row_is_written_whole_or_not_at_all(tmp_path, small_files):
+    rows = [{"seed": seed, "pad": "x" * 900} for seed in range(6)]
+    path = tmp_path / "episodes.jsonl"
+    with ResultStore(tmp_path, CONFIG, VERSIONS) as store:
+        for row in rows[:3]:
+            store.append(row)
+        with small_files(path.stat().st_size + 500), pytest.raises(BadArgument, match="the 3 rows before are whole"):
+            store.append(rows[3])  # a part of it fits
+        assert rows_of(path) == rows[:3]
+        for row in rows[3:]:  # there is room again
+            store.append(row)
+    with ResultStore(tmp_path, CONFIG, VERSIONS) as store:
+        assert store.rows == rows
+
+
+def test_a_row_that_was_torn_off_is_told(tmp_path, capsys):
+    with ResultStore(tmp_path, CONFIG, VERSIONS) as store:
+        store.append({"seed": 0})
+    with (tmp_path / "episodes.jsonl").open("a") as file:
+        file.write('{"see')
+    with ResultStore(tmp_path, CONFIG, VERSIONS) as store:
+        assert store.rows == [{"seed": 0}]
+    assert "episodes.jsonl: dropped a last row" in capsys.readouterr().err
