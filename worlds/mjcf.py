@@ -8,15 +8,14 @@ Collision bits: a body's geoms carry ``contype`` bits of the geoms they may touc
 # (MuJoCo's compiled bindings and dm_control's generated elements are invisible to a static checker.)
 
 import math
-import warnings
 
+from worlds.simulator import import_simulator
 from worlds.world import Cylinder, Shape, World
 
-with warnings.catch_warnings():
-    # On a machine without a display, importing dm_control warns that rendering is impossible: none happens.
-    warnings.simplefilter("ignore")
-    from dm_control.mjcf import Element as Element  # for the modules that build bodies
-    from dm_control.mjcf import RootElement as RootElement
+import_simulator()
+
+from dm_control.mjcf import Element as Element  # noqa: E402  for the modules that build bodies
+from dm_control.mjcf import RootElement as RootElement  # noqa: E402
 
 TOUCHES_FLOOR = 1
 """``contype`` bit of a body's geom that may touch the floor."""

@@ -1,1 +1,5 @@
 """Speed against named references."""
+
+from worlds.simulator import import_simulator
+
+import_simulator()
