@@ -1,6 +1,6 @@
 """A mission in MuJoCo as a gymnasium environment, to try a policy of one's own on these bodies.
 
-``gymnasium.make("robots.gym_env:vuca/Navigation-v0", world="square", robot="go2")``
+``gymnasium.make("vuca_nav.environments:vuca/Navigation-v0", world="square", robot="go2")``
 """
 
 import math

@@ -1,6 +1,6 @@
 """The arena as a gymnasium vector environment.
 
-``gymnasium.make_vec("train.arena.gym_env:vuca/Arena-v0", num_envs=64, kind="mixed", body="go2")``
+``gymnasium.make_vec("vuca_nav.environments:vuca/Arena-v0", num_envs=64, kind="mixed", body="go2")``
 """
 
 from typing import Any
