@@ -1,6 +1,7 @@
 import inspect
 import math
 import os
+import subprocess
 import sys
 import time
 import urllib.request
@@ -448,3 +449,40 @@ def test_directions_are_the_robots_own():
     assert "**Nearest return** (1.5, 1.0): 0.5 m, 90° to the right, **closer than 0.6 m**" in text
     assert "**Goal** (1.0, 3.0): 2.0 m, ahead" in text
     assert "| **chosen** | (5.0, 1.0) | 0.1 | 0.2 | 0.3 |" in text
+
+
+def test_a_recording_is_made_where_rerun_is_off_by_default(tmp_path):
+    code = (
+        "import sys; from vuca_nav.telemetry.rerun.recorder import RerunTelemetry;"
+        "telemetry = RerunTelemetry.record(sys.argv[1], title='run'); telemetry.time(0.0); telemetry.close()"
+    )
+    environment = {**os.environ, "RERUN": "off"}
+    result = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "run.rrd")], env=environment, capture_output=True, text=True,
+        timeout=120, check=False,
+    )  # fmt: skip
+    assert (result.returncode, result.stderr) == (0, "")
+    assert (tmp_path / "run.rrd").stat().st_size > 1000
+
+
+def test_a_pipe_and_a_name_that_is_not_utf_8_are_refused(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(BadArgument, match="is a pipe or a device"):
+        RerunTelemetry.record(tmp_path / "pipe", title="run")  # to open it would wait for a reader
+    with pytest.raises(BadArgument, match="only names that are UTF-8"):
+        RerunTelemetry.record(os.fsencode(tmp_path) + b"/\xff.rrd", title="run")
+
+
+def test_a_recording_that_the_disk_does_not_take_is_told_at_the_end(tmp_path, small_files):
+    with small_files(20_000):
+        telemetry = RerunTelemetry.record(tmp_path / "run.rrd", title="run")
+        drive_in_a_circle(telemetry, seconds=2.0)
+        with pytest.raises(BadArgument, match="the recording is not whole"):
+            telemetry.close()
+        telemetry.close()
+
+
+def test_a_title_may_hold_any_name_of_a_file(tmp_path):
+    telemetry = RerunTelemetry.record(tmp_path / "run.rrd", title=os.fsdecode(b"room-\xff.yaml"))
+    telemetry.close()
+    assert (tmp_path / "run.rrd").stat().st_size > 1000

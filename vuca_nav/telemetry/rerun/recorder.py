@@ -13,6 +13,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from vuca_nav.errors import BadArgument
 from vuca_nav.exploration.heatmap import safety_around
 from vuca_nav.geometry import distance
 from vuca_nav.mapping.grid import OccupancyGrid
@@ -55,7 +56,8 @@ class RerunTelemetry(Telemetry):
     """
 
     def __init__(self, stream: rr.RecordingStream, *, title: str, served: bool = False):
-        self._writer = Writer(stream, title)
+        # The name of a file may hold bytes that are not UTF-8.
+        self._writer = Writer(stream, title.encode(errors="backslashreplace").decode())
         self._served, self._closed = served, False
         self._blueprint_sent = False
         self._began: float | None = None
@@ -74,7 +76,7 @@ class RerunTelemetry(Telemetry):
         """Record into an ``.rrd`` file; an existing one is overwritten.
 
         Raises:
-            BadArgument: The file cannot be written.
+            BadArgument: The file cannot be written; what cannot be written later is reported by ``close``.
         """
         return cls(stream_to_file(path), title=title)
 
@@ -111,7 +113,11 @@ class RerunTelemetry(Telemetry):
             print(file=sys.stderr)
 
     def close(self) -> None:
-        """Flush and release; a second call does nothing."""
+        """Flush and release; a second call does nothing.
+
+        Raises:
+            BadArgument: The recording is not whole: a full disk, or a viewer that has gone.
+        """
         if self._closed:
             return
         self._closed = True
@@ -119,8 +125,12 @@ class RerunTelemetry(Telemetry):
         self._log_status()
         for path, trail in self._trails.items():
             self._writer.log(path, trail.strip())
-        self._writer.stream.flush()
-        self._writer.stream.disconnect()
+        try:
+            self._writer.stream.flush()
+        except RuntimeError as error:
+            raise BadArgument(f"the recording is not whole, as on a full disk: {error}") from error
+        finally:
+            self._writer.stream.disconnect()
 
     # -- the simulation's side: the true state -------------------------------------------------------
 

@@ -11,6 +11,7 @@ import rerun as rr
 from rerun.experimental import ViewerClient
 
 from vuca_nav.errors import BadArgument
+from vuca_nav.files import check_regular
 
 APPLICATION = "vuca_nav"
 """Application id; its recordings share the layout that the user made in the viewer."""
@@ -25,17 +26,26 @@ def stream_to_file(path: str | os.PathLike[str]) -> rr.RecordingStream:
     Raises:
         BadArgument: The file cannot be written.
     """
-    path = Path(path)
+    path = Path(os.fsdecode(path))
     if path.is_dir():
         raise BadArgument(f"cannot record to {str(path)!r}: it is a directory; give a file name as in 'run.rrd'")
     if not path.parent.is_dir():
         raise BadArgument(f"cannot record to {str(path)!r}: there is no directory {str(path.parent)!r}")
     try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        raise BadArgument(f"cannot record to {str(path)!r}: Rerun takes only names that are UTF-8") from None
+    try:
+        if path.exists():
+            check_regular("--record", path)
         path.open("wb").close()
     except OSError as error:
         raise BadArgument(f"cannot record to {str(path)!r}: {error.strerror}") from error
     stream = rr.RecordingStream(APPLICATION)
-    stream.save(path)
+    try:
+        stream.save(path)
+    except RuntimeError as error:
+        raise BadArgument(f"cannot record to {str(path)!r}: {_one_line(error)}") from error
     return stream
 
 
