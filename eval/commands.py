@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shlex
 import sys
 from dataclasses import asdict, fields
@@ -21,9 +20,10 @@ from eval.arguments import (
     RunArguments,
     SceneArguments,
 )
-from vuca_nav.cli import parse
+from vuca_nav.cli import parse, show
 from vuca_nav.errors import BadArgument
 from vuca_nav.files import prepare_file
+from vuca_nav.provenance import usable_cores
 
 if TYPE_CHECKING:
     from eval.episode import EpisodeConfig
@@ -48,7 +48,7 @@ def run(argv: list[str]) -> int:
         with ProgressLine(sys.stderr) as progress:
             result = episode.run(telemetry, progress)
         row = result.row()
-        print(result_table(row))
+        show(result_table(row))
         _print_json(row, arguments.json)
         if telemetry is not None:
             telemetry.wait()
@@ -63,8 +63,7 @@ def list_(argv: list[str]) -> int:
     arguments = parse(ListArguments, "list", argv)
     names = _names(arguments.what)
     width = max(map(len, names))
-    for name, description in names.items():
-        print(f"{name:{width}}  {description}")
+    show("\n".join(f"{name:{width}}  {description}" for name, description in names.items()))
     _print_json(names, arguments.json)
     return 0
 
@@ -93,10 +92,10 @@ def eval_(argv: list[str]) -> int:
         "episodes": len(configs),
         "tasks": [asdict(task) for task in suite.tasks],
     }
-    workers = arguments.workers or len(os.sched_getaffinity(0))
+    workers = arguments.workers or usable_cores()
     command = shlex.join(["vuca", "eval", *argv])
     evaluation = evaluate(identity, configs, arguments.out, workers=workers, command=command)
-    print(table(evaluation.groups, evaluation.total))
+    show(table(evaluation.groups, evaluation.total))
     print(f"rows and summary: {arguments.out}", file=sys.stderr)
     for crash in evaluation.crashes:
         print(f"vuca eval: crashed: {crash.error} in {crash.config}", file=sys.stderr)
@@ -116,7 +115,7 @@ def compare(argv: list[str]) -> int:
     first, *others = [(folder.name, read_episodes(folder, seeds)) for folder in arguments.folders]
     found = {name: compare(first[1], episodes) for name, episodes in others}
     for name, differences in found.items():
-        print(table(name, first[0], differences), end="\n\n")
+        show(f"{table(name, first[0], differences)}\n")
     rows = {name: {task: row._asdict() for task, row in tasks.items()} for name, tasks in found.items()}
     _print_json({"against": first[0], "differences": rows}, arguments.json)
     return 0
@@ -130,7 +129,7 @@ def report(argv: list[str]) -> int:
     if not arguments.folders:
         raise BadArgument("give one or more directories of vuca eval")
     written = write_reports(arguments.folders, arguments.out)
-    print(f"{len(written)} pages: {written[0]}")
+    show(f"{len(written)} pages: {written[0]}")
     _print_json({"files": [str(path) for path in written]}, arguments.json)
     return 0
 
@@ -147,7 +146,7 @@ def heatmap(argv: list[str]) -> int:
     with ProgressLine(sys.stderr) as progress:
         view = view_at(config, arguments.at, arguments.half_side, arguments.resolution, progress)
     draw(view, arguments.out)
-    print(f"V^h from {view.least:.3f} to {view.greatest:.3f} at {view.time:.2f} s: {arguments.out}")
+    show(f"V^h from {view.least:.3f} to {view.greatest:.3f} at {view.time:.2f} s: {arguments.out}")
     _print_json(view.row() | {"out": str(arguments.out)}, arguments.json)
     return 0
 
@@ -159,7 +158,7 @@ def bench(argv: list[str]) -> int:
 
     results = run_benchmarks(sys.stderr)
     for result in results:
-        print(f"{result['name']:28} {result['value']:10.3f} {result['unit']:6}  {result['meaning']}")
+        show(f"{result['name']:28} {result['value']:10.3f} {result['unit']:6}  {result['meaning']}")
     _print_json({result.pop("name"): result for result in results}, arguments.json)
     return 0
 
@@ -238,4 +237,4 @@ def _first_line(described: Any) -> str:
 
 def _print_json(content: dict[str, Any], wanted: bool) -> None:
     if wanted:
-        print(json.dumps(content, allow_nan=False), flush=True)
+        show(json.dumps(content, allow_nan=False))

@@ -2,17 +2,22 @@
 
 A command is a function ``(argv) -> exit code`` registered in the group ``vuca.commands``; the first line of
 its docstring is its entry in the help. Exit codes: 0 the command did its work, 1 part of it failed, 2 bad
-input, 130 interrupted.
+input or no means to do the work, 130 interrupted, 143 terminated.
 """
 
 import contextlib
 import io
+import os
+import signal
 import sys
-from collections.abc import Callable, Sequence
+import threading
+from collections.abc import Callable, Iterator, Sequence
 from importlib.metadata import EntryPoint, entry_points, version
-from typing import TypeVar
+from types import FrameType
+from typing import TextIO, TypeVar
 
 from vuca_nav.errors import UnknownName, VucaError, how_to_install
+from vuca_nav.own_packages import prefer_own_packages
 
 Command = Callable[[list[str]], int]
 Arguments = TypeVar("Arguments")
@@ -38,6 +43,7 @@ EXTRA_OF_MODULE = {
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
+EXIT_TERMINATED = 143
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -50,21 +56,23 @@ def main(argv: Sequence[str] | None = None) -> int:
         The exit code.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
+    name = arguments[0] if arguments else ""
+    return _answer(f"vuca {name}".rstrip(), lambda: _run(name, arguments))
+
+
+def _run(name: str, arguments: list[str]) -> int:
+    """Run the command of this name, the first of the arguments."""
+    prefer_own_packages()
     commands = {entry.name: entry for entry in entry_points(group=GROUP)}
-    if not arguments or arguments[0] in ("-h", "--help"):
+    if name in ("", "-h", "--help"):
         print(_overview(commands), file=sys.stdout if arguments else sys.stderr)
         return 0 if arguments else EXIT_BAD_INPUT
-    if arguments[0] == "--version":
+    if name == "--version":
         print(version("vuca-nav"))
         return 0
-    name = arguments[0]
-
-    def command() -> int:
-        if name not in commands:
-            raise UnknownName("command", name, commands)
-        return commands[name].load()(arguments[1:])
-
-    return _answer(f"vuca {name}", command)
+    if name not in commands:
+        raise UnknownName("command", name, commands)
+    return commands[name].load()(arguments[1:])
 
 
 def run_module(name: str, main: Callable[[Arguments], object], kind: type[Arguments]) -> None:
@@ -79,26 +87,158 @@ def run_module(name: str, main: Callable[[Arguments], object], kind: type[Argume
     program = f"python -m {spec.name}" if spec else name
 
     def command() -> int:
+        prefer_own_packages()
         main(_parse(kind, program, sys.argv[1:]))
         return 0
 
     sys.exit(_answer(name, command))
 
 
+class Terminated(KeyboardInterrupt):
+    """The process was asked to end by SIGTERM; work ends as at an interrupt from the keyboard."""
+
+
+class ReaderGone(Exception):
+    """The reader of stdout, ``head`` for example, has seen enough."""
+
+
+def show(text: str) -> None:
+    """Print a result on stdout at once.
+
+    Args:
+        text: The result; where stdout cannot take it, on a full disk for example, it goes to stderr.
+
+    Raises:
+        VucaError: If stdout could not take it.
+    """
+    try:
+        print(text, flush=True)
+    except VucaError:
+        print(text, file=sys.stderr)
+        raise
+
+
 def _answer(name: str, command: Callable[[], int]) -> int:
     """Run a command and return its exit code; an error is printed as one line first."""
+    with _standard_streams(), _termination_as_interrupt():
+        try:
+            code = command()
+            sys.stdout.flush()
+            return code
+        except SystemExit as request:  # of --help, whose text waits in the buffer
+            with contextlib.suppress(VucaError, ReaderGone):
+                sys.stdout.flush()
+            return request.code if isinstance(request.code, int) else 0
+        except ReaderGone:
+            return 0
+        except VucaError as error:
+            return _bad_input(name, str(error))
+        except ModuleNotFoundError as error:
+            return _bad_input(name, _what_to_install(error))
+        except Terminated:
+            print(f"\n{name}: terminated", file=sys.stderr)
+            return EXIT_TERMINATED
+        except KeyboardInterrupt:
+            print(f"\n{name}: interrupted", file=sys.stderr)
+            return EXIT_INTERRUPTED
+        except OSError as error:
+            where = "" if error.filename is None else f"{os.fsdecode(error.filename)}: "
+            return _bad_input(name, f"{where}{error.strerror or error}")
+
+
+@contextlib.contextmanager
+def _standard_streams() -> Iterator[None]:
+    """Standard streams that can take any text: a command goes on without a stream that was closed before it.
+
+    A descriptor that is free would be given to the next file that is opened, a file of results for example, and
+    libraries that complain on descriptor 2 would write into it.
+    """
+    for descriptor in range(3):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free descriptor, this one
+    if sys.stdout is None:
+        sys.stdout = open(1, "w", closefd=False)  # noqa: SIM115
+    if sys.stderr is None:
+        sys.stderr = open(2, "w", closefd=False)  # noqa: SIM115
+    with contextlib.redirect_stderr(_Messages(sys.stderr)), contextlib.redirect_stdout(_Results(sys.stdout)):
+        yield
+
+
+class _Stream(io.TextIOBase):
+    """A standard stream that takes any text: characters that it does not know become escapes.
+
+    Args:
+        stream: Stream that is written to.
+    """
+
+    def __init__(self, stream: TextIO):
+        self._stream = stream
+
+    @property
+    def encoding(self) -> str:  # type: ignore[override]
+        """Encoding of the stream."""
+        return getattr(self._stream, "encoding", None) or "utf-8"
+
+    def write(self, text: str) -> int:
+        """Write text."""
+        try:
+            self._stream.write(text.encode(self.encoding, "backslashreplace").decode(self.encoding))
+        except OSError as error:
+            self._give_up(error)
+        return len(text)
+
+    def flush(self) -> None:
+        """Write what is buffered."""
+        try:
+            self._stream.flush()
+        except OSError as error:
+            self._give_up(error)
+
+    def isatty(self) -> bool:
+        """Whether the stream is a terminal."""
+        return self._stream.isatty()
+
+    def fileno(self) -> int:
+        """Descriptor of the stream."""
+        return self._stream.fileno()
+
+    def _give_up(self, error: OSError) -> None:
+        """Send what is left in the buffer to nowhere, where it cannot fail again when the process ends."""
+        with contextlib.suppress(OSError, ValueError), open(os.devnull, "w") as nowhere:
+            os.dup2(nowhere.fileno(), self.fileno())
+
+
+class _Messages(_Stream):
+    """Stream of progress and messages: what it cannot take is lost, and the work goes on."""
+
+
+class _Results(_Stream):
+    """Stream of results: what it cannot take ends the work."""
+
+    def _give_up(self, error: OSError) -> None:
+        super()._give_up(error)
+        if isinstance(error, BrokenPipeError):
+            raise ReaderGone from error
+        raise VucaError(f"cannot write to stdout: {error.strerror}") from error
+
+
+@contextlib.contextmanager
+def _termination_as_interrupt() -> Iterator[None]:
+    """Let SIGTERM end the work as Ctrl-C does, so that workers end and what is finished is kept."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread handles signals
+        return
+
+    def terminate(_signal: int, _frame: FrameType | None) -> None:
+        raise Terminated
+
+    before = signal.signal(signal.SIGTERM, terminate)
     try:
-        return command()
-    except VucaError as error:
-        return _bad_input(name, str(error))
-    except ModuleNotFoundError as error:
-        return _bad_input(name, _what_to_install(error))
-    except KeyboardInterrupt:
-        print(f"\n{name}: interrupted", file=sys.stderr)
-        return EXIT_INTERRUPTED
-    except BrokenPipeError:  # the reader of the output, `head` for example, has closed the pipe
-        sys.stderr.close()
-        return 1
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def parse(kind: type[Arguments], command: str, argv: list[str]) -> Arguments:
@@ -167,6 +307,8 @@ def _what_to_install(error: ModuleNotFoundError) -> str:
     module = (error.name or "").partition(".")[0]
     if module not in EXTRA_OF_MODULE:
         raise error
+    if module == "dm_control" and sys.version_info >= (3, 13):  # pyproject.toml says why
+        return f"needs the package {module!r}: on Python 3.13, run pip install --no-deps dm-control==1.0.50"
     return f"needs the package {module!r}: {how_to_install(EXTRA_OF_MODULE[module])}"
 
 
@@ -188,4 +330,6 @@ def _summary(entry: EntryPoint) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    from vuca_nav.cli import main as run_command  # this module by its name, as the commands know it
+
+    sys.exit(run_command())
