@@ -1,6 +1,5 @@
 """The command ``vuca train``: arguments in, an exit code out. Heavy modules are imported when needed."""
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -9,6 +8,7 @@ import tyro
 
 from vuca_nav.cli import parse
 from vuca_nav.errors import BadArgument, UnknownName
+from vuca_nav.provenance import usable_cores
 
 TRAINABLE = {
     "locomotion": "a quadruped's gait, over batched MuJoCo",
@@ -77,7 +77,7 @@ def _train_locomotion(argv: list[str]) -> int:
         raise BadArgument(f"--steps must be 1 or more, got {arguments.steps}")
     if arguments.seed < 0:
         raise BadArgument(f"the seed must be 0 or more, got {arguments.seed}")
-    threads = len(os.sched_getaffinity(0)) if arguments.threads is None else arguments.threads
+    threads = usable_cores() if arguments.threads is None else arguments.threads
     if threads < 1:
         raise BadArgument(f"--threads must be 1 or more, got {arguments.threads}")
     out = arguments.out or Path("runs") / arguments.robot

@@ -19,6 +19,7 @@ from train.navigation.training import NavigationTraining, even_workers
 from vuca_nav.cli import parse
 from vuca_nav.errors import BadArgument
 from vuca_nav.policy.weights_file import WEIGHTS_FOLDER
+from vuca_nav.provenance import usable_cores
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,7 @@ def _train(stage: StageConfig, arguments: NavigationArguments, command: str) -> 
     sources = tuple(arguments.out / source / f"{source}.safetensors" for source in stage.sources)
     workers = arguments.workers
     if workers is None:
-        workers = even_workers(stage.ppo, _cores())[-1]
+        workers = even_workers(stage.ppo, usable_cores())[-1]
     run = RunConfig(arguments.seed, workers, sources, command, arguments.collector)
     training = NavigationTraining(stage, run, arguments.out / stage.name, ArenaEnvironment, resume=arguments.resume)
     training.run()
@@ -112,16 +113,12 @@ def _train_critic(config: CriticConfig, arguments: NavigationArguments | CriticA
         print(f"{CRITIC}: no {policy}, so the shipped {config.policy} drives", file=sys.stderr)
         policy = shipped
     # Collectors on other machines do not help here.
-    threads = _cores() if arguments.workers is None else min(arguments.workers, os.cpu_count() or 1)
+    threads = usable_cores() if arguments.workers is None else min(arguments.workers, os.cpu_count() or 1)
     training = CriticTraining(
         config, arguments.seed, policy, arguments.out / CRITIC, threads, command, resume=arguments.resume
     )
     training.run()
     print(f"weights: {training.weights}")
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0))
 
 
 def _check_seed(seed: int) -> None:

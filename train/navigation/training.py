@@ -3,13 +3,14 @@
 import hashlib
 import importlib.util
 import os
+import signal
 import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
 import torch
-from torch.multiprocessing.spawn import start_processes
+from torch.multiprocessing.spawn import ProcessExitedException, ProcessRaisedException, start_processes
 
 from train.arena.rewards import find_rewards
 from train.navigation.card import write_card
@@ -99,7 +100,21 @@ class NavigationTraining(TrainingLoop[PpoLearner]):
         with tempfile.TemporaryDirectory() as folder:
             # Forked, a worker has its worlds and torch at once; nothing has begun to use threads yet.
             meeting = str(Path(folder) / "meeting")
-            start_processes(_work, (self, environments, meeting), nprocs=run.workers, start_method="fork")
+            workers = start_processes(
+                _work, (self, environments, meeting), nprocs=run.workers, join=False, start_method="fork"
+            )
+            assert workers is not None  # as it is not joined
+            try:
+                while not workers.join():
+                    pass
+            except ProcessRaisedException as error:
+                raise _cause(error) from error
+            except ProcessExitedException as error:
+                raise BadArgument(f"a worker process died ({error}); --resume goes on from the checkpoint") from error
+            finally:
+                for process in workers.processes:
+                    process.kill()
+                    process.join()
 
     def begin(self, learner: PpoLearner) -> None:
         """Let the experts start as the sources."""
@@ -137,6 +152,8 @@ class NavigationTraining(TrainingLoop[PpoLearner]):
 
 def _work(rank: int, training: NavigationTraining, environments: Sequence[Environment], meeting: str) -> None:
     """Run a worker process, or the only one."""
+    if meeting:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)  # not the parent's, which ends the whole command
     torch.set_num_threads(1)
     run = training.run_config
     team = Team(rank, run.workers, Path(meeting)) if meeting else Alone()
@@ -144,6 +161,14 @@ def _work(rank: int, training: NavigationTraining, environments: Sequence[Enviro
         training.train(make_local_learner(training.stage, run.seed, team, environments[rank]), leads=rank == 0)
     finally:
         team.close()
+
+
+def _cause(error: ProcessRaisedException) -> Exception:
+    """The error of a worker that its user can mend, as this process would raise it; otherwise the error itself."""
+    last = str(error).strip().splitlines()[-1]
+    kind, _, message = last.partition(": ")
+    mendable = kind.startswith("vuca_nav.errors.") or message.startswith("[Errno")
+    return BadArgument(message) if mendable else error
 
 
 def even_workers(ppo: NavigationPpoConfig, most: int) -> list[int]:

@@ -1,8 +1,10 @@
 """The training loop: checkpoints, log, TensorBoard, progress bar, curves and the page of the weights."""
 
+import contextlib
 import copy
 import json
 import math
+import sys
 import time
 from abc import ABC, abstractmethod
 from pathlib import Path
@@ -111,12 +113,19 @@ class TrainingLoop(ABC, Generic[AnyLearner]):
         Raises:
             BadArgument: If checkpoint or log of a resumed run are damaged.
         """
-        done, elapsed = self.directory.progress()
-        if done < self.iterations:
-            self.directory.note_commit()
-            self.start()
-        elif not self.weights.with_suffix(".md").exists():  # killed between the last checkpoint and the page
-            self.describe(done, elapsed, read_log(self.directory.log))
+        try:
+            done, elapsed = self.directory.progress()
+            if done < self.iterations:
+                self.directory.note_commit()
+                self.start()
+            elif not self.weights.with_suffix(".md").exists():  # killed between the last checkpoint and the page
+                self.describe(done, elapsed, read_log(self.directory.log))
+        except KeyboardInterrupt:
+            if self.directory.begun:
+                print(f"\n{self.name}: --resume goes on from the checkpoint in {self.directory.path}", file=sys.stderr)
+            raise
+        finally:
+            self.directory.release()
 
     def train(self, learner: AnyLearner, *, leads: bool = True) -> None:
         """Run all iterations that are left; one worker's part.
@@ -126,7 +135,7 @@ class TrainingLoop(ABC, Generic[AnyLearner]):
             leads: Whether this is the worker that writes.
 
         Raises:
-            BadArgument: If the checkpoint does not fit the learner.
+            BadArgument: If the checkpoint does not fit the learner, or a file cannot be written.
             FloatingPointError: If the training diverged.
         """
         done, elapsed = 0, 0.0
@@ -163,6 +172,9 @@ class TrainingLoop(ABC, Generic[AnyLearner]):
             if whole is not None:
                 self.directory.save(*whole)
             raise
+        except OSError as error:  # a full disk
+            where = error.filename or self.directory.path
+            raise BadArgument(f"{where}: {error.strerror}; --resume goes on from the last checkpoint") from error
         finally:
             if recorder is not None:
                 recorder.close()
@@ -193,6 +205,6 @@ class _Recorder:
         self._bar.update(self._size)
 
     def close(self) -> None:
-        self._log.close()
-        self._writer.close()
-        self._bar.close()
+        for part in (self._log, self._writer, self._bar):
+            with contextlib.suppress(OSError):  # rows are on disk already; after a full disk the error is being raised
+                part.close()

@@ -2,14 +2,15 @@
 
 import io
 import json
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import torch
 
 from vuca_nav.errors import BadArgument
-from vuca_nav.files import prepare_directory, write_whole
-from vuca_nav.provenance import commit
+from vuca_nav.files import DirectoryLock, prepare_directory, write_whole
+from vuca_nav.provenance import find_commit
 
 CHECKPOINT = "checkpoint.pt"
 LOG = "log.jsonl"
@@ -21,7 +22,7 @@ NOT_KNOWN = "not known"
 
 
 class RunDirectory:
-    """Files of a run.
+    """Files of a run; one process writes them, from here to ``release``.
 
     Args:
         out: The directory; made if it is not there.
@@ -29,8 +30,8 @@ class RunDirectory:
         resume: Go on with the run in ``out``, if there is one.
 
     Raises:
-        BadArgument: If ``out`` holds a run and ``resume`` is not set, or a run of another contract, or cannot be
-            written.
+        BadArgument: If ``out`` holds a run and ``resume`` is not set, or a run of another contract, is written by
+            another process, or cannot be written.
     """
 
     def __init__(self, out: Path, contract: dict, *, resume: bool):
@@ -38,6 +39,20 @@ class RunDirectory:
         self._checkpoint, self._config = out / CHECKPOINT, out / CONFIG
         contract = json.loads(json.dumps(contract))  # as it will be read back
         prepare_directory(out)
+        self._lock = DirectoryLock(out, "vuca train")
+        try:
+            self._open(contract, resume)
+        except BaseException:
+            self.release()
+            raise
+
+    def release(self) -> None:
+        """Let other processes write here."""
+        self._lock.release()
+
+    def _open(self, contract: dict, resume: bool) -> None:
+        """Begin a run, or see that the one that is there can go on."""
+        out = self.path
         if not self.begun:
             write_whole(self._config, json.dumps(contract, indent=2) + "\n")
             return
@@ -70,7 +85,10 @@ class RunDirectory:
         """Note that the run goes on from here at the present commit."""
         config = json.loads(self._config.read_text())
         begun = self.commits if self.begun else []
-        now = commit() or NOT_KNOWN
+        at = find_commit()
+        now = at.name or NOT_KNOWN
+        if at.reason is not None:
+            print(f"the commit is not known: {at.reason}", file=sys.stderr)
         config["commits"] = begun if begun[-1:] == [now] else [*begun, now]
         write_whole(self._config, json.dumps(config, indent=2) + "\n")
 
