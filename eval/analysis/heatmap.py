@@ -1,5 +1,6 @@
 """The safety heatmap at one moment of a run: V^h of every place around the robot, drawn over its map."""
 
+import io
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ from eval.methods import BEST_WITH_CRITIC, title_of
 from vuca_nav.errors import BadArgument
 from vuca_nav.exploration.heatmap import SafetyMap, safety_around
 from vuca_nav.exploration.heuristic import LEAST, NoCritic
+from vuca_nav.files import write_whole
 from vuca_nav.geometry import distance
 from vuca_nav.navigator import Navigator
 from vuca_nav.telemetry.interface import Telemetry
@@ -141,7 +143,7 @@ def draw(view: View, path: Path) -> None:
     """Draw a view into a PNG file.
 
     Raises:
-        BadArgument: It cannot be written.
+        OSError: It cannot be written.
     """
     from PIL import Image, ImageDraw
 
@@ -187,7 +189,6 @@ def draw(view: View, path: Path) -> None:
     picture.paste(Image.fromarray(bar), (2 * MARGIN + field.width - 20, MARGIN))
     for text, v in ((f"{high:.2f}", MARGIN), (f"{low:.2f}", MARGIN + field.height - 16)):
         pen.text((2 * MARGIN + field.width + 4, v), text, fill=WALL, font_size=14)
-    try:
-        picture.save(path, "PNG")
-    except OSError as error:
-        raise BadArgument(f"cannot write {path}: {error.strerror or error}") from error
+    content = io.BytesIO()
+    picture.save(content, "PNG")
+    write_whole(path, content.getvalue())
