@@ -23,7 +23,7 @@ from eval.arguments import (
 from vuca_nav.cli import parse, show
 from vuca_nav.errors import BadArgument
 from vuca_nav.files import prepare_file
-from vuca_nav.provenance import usable_cores
+from vuca_nav.provenance import commit, machine, usable_cores
 
 if TYPE_CHECKING:
     from eval.episode import EpisodeConfig
@@ -43,13 +43,16 @@ def run(argv: list[str]) -> int:
     config = _episode(arguments, BEST)
     episode = Episode(config)
     method = title_of(config.method, config.options.given())
+    made_by = {"commit": commit(), "machine": machine()}
     telemetry = _open_telemetry(arguments, f"{config.world}, {config.robot}, {method}, seed {config.seed}")
     try:
+        if telemetry is not None:
+            telemetry.made_by(made_by)
         with ProgressLine(sys.stderr) as progress:
             result = episode.run(telemetry, progress)
         row = result.row()
         show(result_table(row))
-        _print_json(row, arguments.json)
+        _print_json({**row, "made_by": made_by}, arguments.json)
         if telemetry is not None:
             telemetry.wait()
     finally:

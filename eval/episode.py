@@ -13,6 +13,7 @@ from eval.failure import Failure, Trail, classify_failure, is_out_of_reach
 from eval.methods import BEST, UNCHANGED, MethodOptions, build, resolve
 from eval.metrics import Metrics, MetricsRecorder
 from eval.prior_map import rasterise
+from robots.arithmetic import fingerprint
 from robots.bodies.body import Body
 from robots.noise import NoiseConfig
 from robots.registry import make_body
@@ -104,6 +105,8 @@ class EpisodeResult:
     """Why the mission did not arrive without a contact; None if it arrived or touched something."""
     way: str | None
     """The first of the world's ways to the goal that the robot entered; None if the world names none, or it did not."""
+    arithmetic: str
+    """Fingerprint of the machine's arithmetic (``robots.arithmetic``): rows of different ones differ in their bits."""
     metrics: Metrics
     real_time_factor: float
     """Simulated time over the loop's wall time, the whole loop in one process: physics, sensors and stack."""
@@ -216,6 +219,7 @@ class Episode:
             contact=None if facts is None else classify_contact(facts),
             failure=self._why(outcome, simulation, trail, metrics),
             way=way,
+            arithmetic=fingerprint(),
             metrics=metrics,
             real_time_factor=simulation.time / wall_time,
             wall_time=wall_time,

@@ -15,6 +15,7 @@ from eval.checked import CONFIG_KINDS, RUN_KINDS, check_values
 from vuca_nav.data_files import parse_json, read_text
 from vuca_nav.errors import BadArgument
 from vuca_nav.files import DirectoryLock, write_whole
+from vuca_nav.provenance import machine
 
 Row = dict[str, Any]
 
@@ -136,8 +137,8 @@ class ResultStore:
                 raise BadArgument(f"{self.directory} has episodes but no config.json; choose an empty directory")
             write_whole(path, _pretty({"config": config, "made_by": made_by, "runs": []}))
             return
-        stored = read_config(self.directory)
-        known = stored.config, stored.made_by
+        stored, arithmetic = read_config(self.directory), made_by.get("arithmetic")
+        known = stored.config, {**stored.made_by, "arithmetic": arithmetic}
         remedies = ("give the same arguments or another --out", "go on with the same code or choose another --out")
         for begun, now, remedy in zip(known, (config, made_by), remedies, strict=True):
             difference = _first_difference(begun, json.loads(json.dumps(now)))
@@ -146,6 +147,11 @@ class ResultStore:
                 raise BadArgument(
                     f"{self.directory} was begun with {key} = {json.dumps(before)}, not {json.dumps(after)}; {remedy}"
                 )
+        if stored.made_by.get("arithmetic") != arithmetic:  # last: another version may compute other bits, too
+            raise BadArgument(
+                f"{self.directory} was begun where the C library or MuJoCo compute other bits than here, on "
+                f"{machine()['cpu']}; go on with a processor of the same kind or choose another --out"
+            )
 
     def _drop_torn_line(self) -> None:
         """Drop a last line without its end, as a kill in the middle of a write leaves it, and say so."""

@@ -1,6 +1,7 @@
 """The command line from outside: what goes to which stream, exit codes, one clear line for each mistake."""
 
 import contextlib
+import importlib.metadata
 import io
 import json
 import subprocess
@@ -274,7 +275,9 @@ def test_a_run_reaches_the_goal_and_says_so(first_run, room):
     assert 0.5 < row["spl"] <= 1.0
     assert row["slam_ate"] < 0.1
     assert 0.0 < row["min_clearance"] < 2.0
-    for name in ("arsps", "ansps", "real_time_factor", "method", "odometry_ate", "odometry_final_error"):
+    assert row["made_by"]["machine"]["libraries"]["mujoco"] == importlib.metadata.version("mujoco")
+    assert row["made_by"].keys() == {"commit", "machine"}
+    for name in ("arithmetic", "arsps", "ansps", "real_time_factor", "method", "odometry_ate", "odometry_final_error"):
         assert row[name] is not None
     assert "outcome" in first_run.stdout.splitlines()[1]
 

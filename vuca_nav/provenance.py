@@ -1,11 +1,17 @@
 """The code that made a result, and its machine."""
 
 import hashlib
+import importlib.metadata
 import os
 import platform
 import subprocess
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
+
+LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "mujoco", "dm-control", "torch")
+"""Libraries that compute, of which a machine is recorded with those that are installed."""
 
 
 class Commit(NamedTuple):
@@ -52,14 +58,30 @@ def usable_cores() -> int:
     return os.cpu_count() or 1
 
 
-def machine() -> dict[str, str | int]:
-    """The machine that this process runs on: CPU model, number of its cores, operating system, Python version."""
+def machine() -> dict[str, Any]:
+    """The machine that this process runs on.
+
+    CPU model, number of its cores, operating system, C library, Python version, NumPy's BLAS, and the versions of the
+    libraries that compute.
+    """
+    blas = np.show_config(mode="dicts")["Build Dependencies"]["blas"]
     return {
         "cpu": _cpu_model(),
         "cores": os.cpu_count() or 1,
         "os": platform.platform(),
+        "libc": " ".join(platform.libc_ver()).strip() or "unknown",
         "python": platform.python_version(),
+        "blas": f"{blas.get('name', 'unknown')} {blas.get('version', '')}".strip(),
+        "libraries": {name: found for name in LIBRARIES if (found := _version(name)) is not None},
     }
+
+
+def _version(package: str) -> str | None:
+    """Version of an installed package; None if there is none."""
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None
 
 
 def _cpu_model() -> str:

@@ -50,6 +50,19 @@ def test_another_configuration_is_refused_and_nothing_is_changed(tmp_path):
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
+def test_a_machine_that_computes_other_bits_is_refused_last_of_all(tmp_path):
+    made_by = {**VERSIONS, "arithmetic": "1d36da8c1bfd2269"}
+    with ResultStore(tmp_path, CONFIG, made_by) as store:
+        store.append({"seed": 0})
+    with ResultStore(tmp_path, CONFIG, made_by) as store:
+        assert store.rows == [{"seed": 0}]
+    other = {**made_by, "arithmetic": "2f0cfb9ec0aed0aa"}
+    with pytest.raises(BadArgument, match=r"begun where the C library or MuJoCo compute other bits than here, .*--out"):
+        ResultStore(tmp_path, CONFIG, other)
+    with pytest.raises(BadArgument, match="begun with vuca-nav"):
+        ResultStore(tmp_path, CONFIG, {**other, "vuca-nav": "0.2.0"})
+
+
 @pytest.mark.parametrize(
     ("changed", "text"),
     [

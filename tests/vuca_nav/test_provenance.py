@@ -2,6 +2,8 @@ import os
 import subprocess
 import sys
 
+import numba
+import numpy as np
 import pytest
 
 from vuca_nav.provenance import commit, find_commit, machine, usable_cores
@@ -87,4 +89,7 @@ def test_a_machine_has_a_name_and_cores():
     told = machine()
     assert str(told["cpu"]).strip()
     assert told["cores"] == os.cpu_count()
+    assert "blas" in told["blas"].lower() or "accelerate" in told["blas"].lower()
+    assert told["libraries"]["numpy"] == np.__version__
+    assert told["libraries"]["numba"] == numba.__version__
     assert told["python"] == ".".join(map(str, sys.version_info[:3]))

@@ -241,6 +241,17 @@ def test_the_now_panel_speaks_of_the_tick_it_stands_at(recording: Path):
     assert "collision with cart" in texts[-1]
 
 
+def test_what_made_a_recording_is_kept_with_it(tmp_path: Path):
+    path = tmp_path / "run.rrd"
+    telemetry = RerunTelemetry.record(path, title="a run")
+    telemetry.made_by({"commit": "0123456789ab", "machine": {"cpu": "a processor", "cores": 2}})
+    telemetry.close()
+    content = path.read_bytes()
+    assert b"made_by" in content
+    assert b"0123456789ab" in content
+    assert b"a processor" in content
+
+
 def test_recordings_do_not_share_state(tmp_path: Path):
     first = RerunTelemetry.record(tmp_path / "first.rrd", title="first")
     second = RerunTelemetry.record(tmp_path / "second.rrd", title="second")

@@ -4,10 +4,11 @@ Stable entity paths, one timeline ``time``; docs/recordings.md says what each of
 global state: every telemetry has its own stream.
 """
 
+import json
 import os
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import rerun as rr
@@ -99,6 +100,15 @@ class RerunTelemetry(Telemetry):
         stream, address = stream_to_browsers(open_browser=open_browser)
         print(f"viewer: {address}", file=sys.stderr, flush=True)
         return cls(stream, title=title, served=True)
+
+    def made_by(self, facts: Mapping[str, object]) -> None:
+        """Keep with the recording what made it, the code and the machine, as a property of the recording.
+
+        Args:
+            facts: Values that JSON can hold.
+        """
+        told = {key: value if isinstance(value, str) else json.dumps(value) for key, value in facts.items()}
+        self._writer.stream.send_property("made_by", rr.AnyValues(**told))
 
     def wait(self) -> None:
         """Return once no viewer needs this process any more: a served recording at Ctrl-C, any other at once."""
