@@ -144,6 +144,41 @@ class ReportArguments:
     """End with one JSON object on stdout, the files written."""
 
 
+@dataclass(frozen=True)
+class ExplainArguments:
+    """Say why an episode failed: its contact, the last moment at which it was avoidable, a recording and a picture."""
+
+    source: tyro.conf.Positional[Path]
+    """Directory of a vuca eval, or a file that holds what vuca run --json printed."""
+    seed: Annotated[tyro.conf.Positional[int | None], _optional("SEED")] = None
+    """Seed of the episode; it may be left out if the source holds one episode."""
+    world: Annotated[str | None, _optional("NAME")] = None
+    """Its world, where the source holds the seed in several; the same with the options below."""
+    region: Annotated[int | None, _optional("K")] = None
+    """Its region of the factory."""
+    robot: Annotated[str | None, _optional("NAME")] = None
+    """Its robot."""
+    method: Annotated[str | None, _optional("NAME")] = None
+    """Its method."""
+    without: Annotated[str | None, _optional("LETTERS")] = None
+    """The difficulties that it leaves out."""
+    movers: Annotated[int | None, _optional("N")] = None
+    """Its number of moving obstacles."""
+    speed: Annotated[float | None, _optional("FACTOR")] = None
+    """Its factor on their speeds."""
+    sighted: Annotated[float | None, _optional("SHARE")] = None
+    """Its share of them that see the robot."""
+    out: Annotated[Path | None, _optional("DIR")] = None
+    """Directory of the recording and the picture; by default "explained" beside the rows."""
+    json: bool = False
+    """End with one JSON object on stdout: the row, t_inevitable, and the files written."""
+
+    def filters(self) -> dict[str, Any]:
+        """The fields that the row must have, by name."""
+        names = ("world", "region", "robot", "method", "without", "movers", "speed", "sighted")
+        return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+
+
 @dataclass(frozen=True, kw_only=True)
 class HeatmapArguments(EpisodeArguments):
     """Draw V^h around the robot at one moment of a run: the critic's value of every place as a goal."""

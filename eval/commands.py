@@ -14,6 +14,7 @@ from eval.arguments import (
     DriverArguments,
     EpisodeArguments,
     EvalArguments,
+    ExplainArguments,
     HeatmapArguments,
     ListArguments,
     ReportArguments,
@@ -134,6 +135,19 @@ def report(argv: list[str]) -> int:
     written = write_reports(arguments.folders, arguments.out)
     show(f"{len(written)} pages: {written[0]}")
     _print_json({"files": [str(path) for path in written]}, arguments.json)
+    return 0
+
+
+def explain(argv: list[str]) -> int:
+    """Say why an episode failed: its contact, the last moment at which it was avoidable, a recording, a picture."""
+    arguments = parse(ExplainArguments, "explain", argv)
+    from eval.explain import explain_row, find_row
+
+    row = find_row(arguments.source, arguments.seed, arguments.filters())
+    beside = arguments.source if arguments.source.is_dir() else arguments.source.parent
+    explained = explain_row(row, arguments.out or beside / "explained")
+    print(explained.text)
+    _print_json(explained.row, arguments.json)
     return 0
 
 

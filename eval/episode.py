@@ -146,11 +146,11 @@ class Episode:
         self.timeout = time_limit(self.shortest_path, self.body.spec.max_v_x)
         self._set_up_time = time.perf_counter() - began
 
-    def build(self, telemetry: Telemetry) -> tuple[Simulation, Stack]:
-        """The two sides of the loop: the simulation and the stack."""
+    def simulation(self, telemetry: Telemetry) -> Simulation:
+        """The side of the loop that knows the truth."""
         (sensors_seed,) = np.random.SeedSequence(self.config.seed).spawn(1)
         ambiguous = "A" not in self.config.without
-        simulation = Simulation(
+        return Simulation(
             self.world,
             self.body,
             sensors_seed,
@@ -158,7 +158,11 @@ class Episode:
             telemetry=telemetry,
             perfect_odometry=not ambiguous,
         )
-        localisation = "slam" if ambiguous else "odometry"
+
+    def build(self, telemetry: Telemetry) -> tuple[Simulation, Stack]:
+        """The two sides of the loop: the simulation and the stack."""
+        localisation = "slam" if "A" not in self.config.without else "odometry"
+        simulation = self.simulation(telemetry)
         return simulation, build(self.method, self.body.spec, self.body.lidar, localisation, telemetry)
 
     def begin(self, telemetry: Telemetry) -> tuple[Simulation, Stack, Scan, Odometry]:

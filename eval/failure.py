@@ -151,6 +151,6 @@ def in_words(failure: dict[str, Any]) -> str:
         "unreachable": "with all movements known, nothing as fast as the robot could have arrived in time",
         "lost": f"lost: the last estimate was off by {failure['slam_error']:.2f} m, at ({x:.2f}, {y:.2f})",
         "stuck": f"stuck at ({x:.2f}, {y:.2f}) since {failure['since']:.1f} s",
-        "out_of_time": f"out of time on the way, at ({x:.2f}, {y:.2f}): {failure['detour']:.1f} times the shortest way "
-        f"at {failure['mean_speed']:.2f} m/s on average",
+        "out_of_time": f"out of time, at ({x:.2f}, {y:.2f}): {failure['detour']:.1f} times the shortest way at "
+        f"{failure['mean_speed']:.2f} m/s on average",
     }[failure["class"]]

@@ -244,7 +244,7 @@ def overlaps_batch(rows, poses, outlines, scenes, layout, parts, hit, moved):
                     if shape[8] >= height or shape[9] <= 0.0:
                         continue
                     offset = x - shape[0], y - shape[1], shape[2], shape[3]
-                    if _overlaps(shape, offset, cos, sin, footprint, radius, moved):
+                    if overlaps(shape, offset, cos, sin, footprint, radius, moved):
                         touched = True
                         break
             for p in range(0 if touched else parts.counts[i]):
@@ -253,7 +253,7 @@ def overlaps_batch(rows, poses, outlines, scenes, layout, parts, hit, moved):
                 if dx * dx + dy * dy >= reach * reach or shape[8] >= height or shape[9] <= 0.0:
                     continue
                 offset = dx, dy, parts.poses[i, t, p, 2], parts.poses[i, t, p, 3]
-                if _overlaps(shape, offset, cos, sin, footprint, radius, moved):
+                if overlaps(shape, offset, cos, sin, footprint, radius, moved):
                     touched = True
                     break
             if touched:
@@ -262,7 +262,7 @@ def overlaps_batch(rows, poses, outlines, scenes, layout, parts, hit, moved):
 
 
 @njit(cache=True, nogil=True)
-def _overlaps(shape, offset, base_cos, base_sin, footprint, radius, moved):
+def overlaps(shape, offset, base_cos, base_sin, footprint, radius, moved):
     """Whether a footprint overlaps a shape, given the shape's yaw and the offset from its centre to base_link."""
     dx, dy, cos, sin = offset
     half_x, half_y, is_cylinder = shape[4], shape[5], shape[6] != 0.0

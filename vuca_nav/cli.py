@@ -29,7 +29,7 @@ EXTRA_OF_MODULE = {
     "dm_control": "sim",
     "gymnasium": "sim",
     "jsonschema": "sim",
-    "matplotlib": "train",
+    "matplotlib": "sim",
     "mujoco": "sim",
     "ray": "distributed",
     "tensorboard": "train",

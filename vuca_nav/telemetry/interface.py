@@ -138,6 +138,15 @@ class Telemetry:
             level: "INFO", "WARN" or "ERROR".
         """
 
+    def moment(self, seconds: float, point_in_world: tuple[float, float], text: str) -> None:
+        """A moment that was found to matter when the run was over.
+
+        Args:
+            seconds: Its time, by the clock of ``time`` [s].
+            point_in_world: Where it was [m].
+            text: One line.
+        """
+
     def wait(self) -> None:
         """Return once no viewer needs this process any more; call it after the run, before ``close``."""
 

@@ -64,6 +64,7 @@ class RerunTelemetry(Telemetry):
         self._began: float | None = None
         self._bounds: look.Bounds | None = None
         self._gate_told, self._safety_told = False, False
+        self._moments = 0
         self._status = Status()
         self._part_paths: list[str] = []
         self._movers: drawing.Solids | None = None
@@ -329,6 +330,16 @@ class RerunTelemetry(Telemetry):
         colour = look.LEVEL_COLOURS.get(level, look.LEVEL_COLOURS["INFO"])
         self._writer.log("/events", rr.TextLog(text, level=level, color=colour))
         self._status.event = f"at {self._status.time:.1f} s: {text}"
+
+    def moment(self, seconds: float, point_in_world: tuple[float, float], text: str) -> None:
+        """A moment that was found to matter when the run was over: a line among the events, a mark from then on."""
+        now = self._writer.time
+        self._writer.set_time(seconds)
+        self._writer.log("/events", rr.TextLog(text, level="WARN", color=look.LEVEL_COLOURS["WARN"]))
+        path = f"/world/moments/{self._moments}"
+        self._writer.mark(path, point_in_world, text, look.CLOSE)
+        self._moments += 1
+        self._writer.set_time(now)
 
     # -- the means ---------------------------------------------------------------------------------
 
