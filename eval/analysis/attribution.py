@@ -16,7 +16,7 @@ from eval.methods import MethodOptions
 from eval.store import Row
 from robots.simulation import Simulation
 from vuca_nav.errors import VucaError
-from vuca_nav.navigator import Navigator
+from vuca_nav.stack import Stack
 from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import STOP, FloatArray, Odometry, Pose2, Scan, VelocityCommand
 from worlds.arrays import pack_shapes
@@ -94,7 +94,7 @@ class TracedEpisode(Episode):
         super().__init__(config)
         self.commands: list[VelocityCommand] = []
 
-    def build(self, telemetry: Telemetry) -> tuple[Simulation, Navigator]:
+    def build(self, telemetry: Telemetry) -> tuple[Simulation, Stack]:
         """As of an episode, but the navigator's commands are kept."""
         simulation, navigator = super().build(telemetry)
         decide = navigator.step

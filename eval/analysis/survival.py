@@ -11,10 +11,10 @@ from importlib.resources import files
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from robots.bodies.tiago import WHEEL_MAX_SPEED, WHEEL_RADIUS, WHEEL_SEPARATION
 from robots.clearance import overlaps
+from vuca_nav.kernel_cache import njit
 from vuca_nav.types import BodySpec, FloatArray, Pose2, VelocityCommand
 from worlds.arrays import ShapeArrays
 from worlds.level_raycast import BOUND, LOWER, UPPER, level_columns

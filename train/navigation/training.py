@@ -112,7 +112,7 @@ class NavigationTraining(TrainingLoop[PpoLearner]):
             except ProcessExitedException as error:
                 raise BadArgument(f"a worker process died ({error}); --resume goes on from the checkpoint") from error
             finally:
-                for process in workers.processes:
+                for process in filter(None, workers.processes):
                     process.kill()
                     process.join()
 

@@ -481,7 +481,7 @@ def test_a_pipe_and_a_name_that_is_not_utf_8_are_refused(tmp_path):
     with pytest.raises(BadArgument, match="is a pipe or a device"):
         RerunTelemetry.record(tmp_path / "pipe", title="run")  # to open it would wait for a reader
     with pytest.raises(BadArgument, match="only names that are UTF-8"):
-        RerunTelemetry.record(os.fsencode(tmp_path) + b"/\xff.rrd", title="run")
+        RerunTelemetry.record(tmp_path / os.fsdecode(b"\xff.rrd"), title="run")
 
 
 def test_a_recording_that_the_disk_does_not_take_is_told_at_the_end(tmp_path, small_files):

@@ -109,7 +109,7 @@ class RerunTelemetry(Telemetry):
             facts: Values that JSON can hold.
         """
         told = {key: value if isinstance(value, str) else json.dumps(value) for key, value in facts.items()}
-        self._writer.stream.send_property("made_by", rr.AnyValues(**told))
+        self._writer.stream.send_property("made_by", rr.AnyValues(**told))  # pyright: ignore[reportArgumentType]
 
     def wait(self) -> None:
         """Return once no viewer needs this process any more: a served recording at Ctrl-C, any other at once."""
