@@ -315,12 +315,12 @@ def _navigator(method: MethodConfig, request: Request) -> Navigator:
         explorer=explorer,
     )
     if weights is None:
-        policy: LocalPolicy = DynamicWindow(body, lidar)
+        policy: LocalPolicy = DynamicWindow(body, lidar, rate=config.rate)
     else:
-        policy = LearnedPolicy(body, lidar, weights, method.gate or Gate(), telemetry)
+        policy = LearnedPolicy(body, lidar, weights, method.gate or Gate(), telemetry, config.rate)
     if method.shield:
-        policy = Shield(body, lidar, policy)
-    safety = NoCritic() if critic is None else LearnedCritic(body, lidar, critic)
+        policy = Shield(body, lidar, policy, rate=config.rate)
+    safety = NoCritic() if critic is None else LearnedCritic(body, lidar, critic, config.rate)
     return Navigator(body, lidar, policy, config, telemetry, safety)
 
 

@@ -22,7 +22,7 @@ from robots.witness import Beams, ContactFacts, Witness
 from vuca_nav.errors import BadArgument, VucaError
 from vuca_nav.geometry import between
 from vuca_nav.telemetry.interface import SceneShape, Telemetry
-from vuca_nav.types import STOP, Odometry, Pose2, Scan, Twist2, VelocityCommand
+from vuca_nav.types import STOP, FloatArray, Odometry, Pose2, Scan, Twist2, VelocityCommand
 from worlds.arrays import pack_shapes
 from worlds.mjcf import obstacle_name, part_name
 from worlds.motion.movers import MoverField
@@ -50,18 +50,20 @@ class Rates:
     """Rate of MuJoCo's steps [Hz]."""
     control: int = 60
     """Rate of the commands to the actuators, of the odometry and of the moving obstacles [Hz]."""
-    lidar: int = 30
-    """Rate of the scans [Hz]."""
+    tick: int = 30
+    """Rate of the stack's loop, and of the calls of ``Simulation.step`` [Hz]."""
 
     def __post_init__(self):
-        for fast, slow in (("physics", "control"), ("control", "lidar")):
+        for fast, slow in (("physics", "control"), ("control", "tick")):
             a, b = getattr(self, fast), getattr(self, slow)
             if b <= 0 or a % b:
                 raise BadArgument(f"rates: {fast} {a} Hz is not a multiple of {slow} {b} Hz")
 
 
 class Simulation:
-    """One robot in one world. A call of ``step`` is one revolution of the lidar, 1/30 s.
+    """One robot in one world. A call of ``step`` is a tick, 1/30 s.
+
+    A lidar that is slower gives its last scan again, with its stamp, until it has a new one; scans are taken at ticks.
 
     Args:
         world: The scene with its start.
@@ -70,7 +72,7 @@ class Simulation:
         noise: Size of the sensors' errors.
         telemetry: Listener to the scene, the robot and the moving obstacles.
         perfect_odometry: Report the true pose instead of dead reckoning.
-        rates: Rates of physics, control and lidar.
+        rates: Rates of physics, control and ticks.
 
     Attributes:
         time: Time since the start [s].
@@ -85,7 +87,7 @@ class Simulation:
         clearance: Distance of the footprint to the nearest obstacle or mover now, ``inf`` if there is none [m].
 
     Raises:
-        BadArgument: If the rates do not fit each other or the body's lidar.
+        BadArgument: If the rates do not fit the body.
     """
 
     def __init__(
@@ -100,8 +102,6 @@ class Simulation:
         rates: Rates | None = None,
     ):
         rates = rates or Rates()
-        if rates.lidar != body.lidar.rate:
-            raise BadArgument(f"rates: lidar {rates.lidar} Hz, but {body.spec.name}'s turns at {body.lidar.rate} Hz")
         self.world, self.body = world, body
         self._seed = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
         self._noise, self._telemetry = noise, telemetry or Telemetry()
@@ -109,7 +109,7 @@ class Simulation:
         self._rates = rates
         self._control_dt = 1.0 / rates.control
         self._substeps = rates.physics // rates.control
-        self._controls = rates.control // rates.lidar
+        self._controls = rates.control // rates.tick
 
         self._physics = Physics(world, body, rates.physics)
         self.model, self.data = self._physics.model, self._physics.data
@@ -141,7 +141,8 @@ class Simulation:
         )
         self._part_positions = np.empty((len(self._visuals), 3))
         self._part_quaternions = np.empty((len(self._visuals), 4))
-        self._ticks = 0
+        self._ticks = self._scans = 0
+        self._scan = Scan(0.0, np.full(body.lidar.num_beams, np.inf))
         self.time, self.true_pose = 0.0, world.start
         self.contact: str | None = None
         self.contact_name: str | None = None
@@ -161,7 +162,7 @@ class Simulation:
         place_planar(self._base_qpos, self._base_qvel, *self.world.start)
         mujoco.mj_forward(self.model, self.data)
         self._bound.start_odometry()
-        self._ticks, self.time = 0, 0.0
+        self._ticks, self._scans, self.time = 0, 0, 0.0
         self.contact = self.contact_name = self.contact_facts = None
         self._witness.reset()
 
@@ -173,14 +174,16 @@ class Simulation:
         return self._observe()
 
     def step(self, command: VelocityCommand) -> tuple[Scan, Odometry]:
-        """Carry out a command until the next scan.
+        """Carry out a command for a tick.
+
+        Returns:
+            The lidar's latest scan, and the odometry now.
 
         Raises:
-            BadArgument: If the command is not finite.
+            BadArgument: If the command is not three finite numbers.
             SimulationDiverged: If the physics has produced numbers that are not finite.
         """
-        if not (math.isfinite(command.v_x) and math.isfinite(command.v_y) and math.isfinite(command.w_z)):
-            raise BadArgument(f"command at {self.time:.3f} s is not finite: {command}")
+        command = checked_command(command, self.time)
         for _ in range(self._controls):
             x, y, yaw = planar_pose(self._base_qpos)
             self._witness.moves(self._movers.time, self._movers.velocities)
@@ -189,7 +192,7 @@ class Simulation:
             self._advance_physics(x, y, yaw)
             self._bound.update_odometry()
         self._ticks += 1
-        self.time = self._ticks / self._rates.lidar
+        self.time = self._ticks / self._rates.tick
         self._telemetry.time(self.time)
         return self._observe()
 
@@ -227,10 +230,7 @@ class Simulation:
         self.fallen = self._bound.has_fallen()
         poses = self._movers.part_poses
         self.clearance = self._proximity.distance(x, y, yaw, poses)
-        rotation_of(self._base_qpos, self._lidar_offset, self._rotation, self._origin)
-        self._caster.cast(self._origin, self._rotation, poses, self._clean)
-        self._witness.looks(self.time, Beams(self._origin, self._caster.directions, self._clean), poses)
-        scan = Scan(self.time, self._lidar_noise.corrupt(self._clean))
+        scan = self._sense(poses)
 
         self._telemetry.true_pose(self.true_pose)
         np.take(self.data.xpos, self._visual_bodies, axis=0, out=self._part_positions)
@@ -238,6 +238,21 @@ class Simulation:
         self._telemetry.robot_parts(self._part_positions, self._part_quaternions)
         self._telemetry.movers(poses)
         return scan, self._true_odometry() if self._perfect_odometry else self._bound.odometry(self.time)
+
+    def _sense(self, poses: FloatArray) -> Scan:
+        """The lidar's latest scan; a new one if one is due by its rate."""
+        rotation_of(self._base_qpos, self._lidar_offset, self._rotation, self._origin)
+        due = math.floor(self._ticks * self.body.lidar.rate / self._rates.tick + 1e-9)
+        if self._ticks > 0 and due == self._scans:
+            return self._scan
+        self._scans = due
+        origin, mount = self._origin, self.body.lidar.mount
+        if mount[:2] != (0.0, 0.0):
+            origin = origin + self._rotation[:, :2] @ np.array([mount.x, mount.y])
+        self._caster.cast(origin, self._rotation, poses, self._clean)
+        self._witness.looks(self.time, Beams(origin, self._caster.directions, self._clean), poses)
+        self._scan = Scan(self.time, self._lidar_noise.corrupt(self._clean))
+        return self._scan
 
     def _true_odometry(self) -> Odometry:
         v_x, v_y = self._base_qvel[:2].tolist()  # in the world; the angular velocity is in the body
@@ -252,6 +267,17 @@ class Simulation:
         seed = self._seed
         key = (*seed.spawn_key, stream)
         return np.random.default_rng(np.random.SeedSequence(seed.entropy, spawn_key=key))
+
+
+def checked_command(command: VelocityCommand, time: float) -> VelocityCommand:
+    """The command, if it is three finite numbers; raises BadArgument with the time [s] otherwise."""
+    try:
+        v_x, v_y, w_z = (float(value) for value in command)
+    except (TypeError, ValueError) as error:
+        raise BadArgument(f"command at {time:.3f} s is no v_x, v_y, w_z: {command!r}") from error
+    if not (math.isfinite(v_x) and math.isfinite(v_y) and math.isfinite(w_z)):
+        raise BadArgument(f"command at {time:.3f} s is not finite: {command}")
+    return VelocityCommand(v_x, v_y, w_z)
 
 
 def scene_shapes(world: World) -> list[SceneShape]:

@@ -14,6 +14,7 @@ from vuca_nav.mapping.grid import OccupancyGrid
 from vuca_nav.mapping.slam import Slam, SlamConfig, SlamEstimate
 from vuca_nav.perception.percept import Percept
 from vuca_nav.perception.perception import Perception, PerceptionConfig
+from vuca_nav.perception.readings import FARTHEST
 from vuca_nav.planning.costmap import CostmapConfig
 from vuca_nav.planning.planner import Planner, no_plan, straight_plan
 from vuca_nav.planning.survey import Survey
@@ -80,8 +81,8 @@ class Navigator(Stack):
 
         Args:
             body: The body that is driven.
-            lidar: The body's lidar; its rate must be the loop's.
-            policy: The lower layer.
+            lidar: The body's lidar. It may be slower or faster than the loop.
+            policy: The lower layer, made for the loop's rate.
             config: Rates and settings.
             telemetry: Receives what the stages report.
             critic: Rates frontiers for safety.
@@ -89,12 +90,15 @@ class Navigator(Stack):
         Raises:
             BadArgument: If rates do not divide.
         """
-        if lidar.rate != config.rate:
-            raise BadArgument(f"the lidar runs at {lidar.rate} Hz, the navigator at {config.rate} Hz: make them equal")
+        if policy.rate not in (None, config.rate):
+            raise BadArgument(
+                f"the policy is made for {policy.rate} Hz, the navigator's loop runs at {config.rate} Hz: make the "
+                f"policy with rate={config.rate}"
+            )
         self.body = body
         self.config = config
         self.telemetry = telemetry
-        self.perception = Perception(lidar, config.perception)
+        self.perception = Perception(lidar, config.perception, body, config.rate)
         self.slam = Slam(lidar, config.slam)
         self.explorer = Explorer(config.explorer, critic, telemetry)
         self.planner = Planner(telemetry)
@@ -111,7 +115,14 @@ class Navigator(Stack):
             start: ``map_from_base`` now; it defines the map's frame.
             goal: Goal in the map [m].
             prior_map: A map known beforehand, if there is one.
+
+        Raises:
+            BadArgument: If start or goal is not finite or too far out, or the map is larger than a map can be.
         """
+        goal = float(goal[0]), float(goal[1])
+        if not all(abs(value) < FARTHEST for value in goal):
+            raise BadArgument(f"the goal {goal} must be finite, within {FARTHEST:g} m of the map's origin")
+        start = Pose2(*(float(value) for value in start))
         self.perception.reset()
         self.slam.reset(start, prior_map)
         self.explorer.reset(goal)
@@ -127,23 +138,29 @@ class Navigator(Stack):
         self._tick = 0
         self._moved_from = start
         self._moved_tick = 0
+        self._is_faulty, self._is_map_full = False, False
 
     def step(self, scan: Scan, odometry: Odometry) -> VelocityCommand:
         """One tick.
 
         Args:
-            scan: The lidar's latest scan.
-            odometry: The body's odometry at the same time.
+            scan: The lidar's latest scan; the same one again, by its stamp, while there is no newer one.
+            odometry: The body's odometry now.
 
         Returns:
             The command to hold until the next tick.
+
+        Raises:
+            BadArgument: If the scan has another number of beams than the lidar, or ranges that are no numbers.
         """
         self.percept = percept = self.perception.update(scan, odometry)
         estimate = self.slam.update(percept)
         self._follow(estimate.map_correction)
         self.map_from_base = estimate.map_from_base
-        self.telemetry.estimated_pose(estimate.map_from_base, compose(self.start, odometry.odom_from_base))
-        self.telemetry.scan(scan, estimate.points_in_map)
+        self.telemetry.estimated_pose(estimate.map_from_base, compose(self.start, percept.odom_from_base))
+        if percept.is_new:
+            self.telemetry.scan(percept.scan, estimate.points_in_map)
+        self._report(percept, estimate)
         if self.config.direct:
             self.plan = straight_plan(estimate.map_from_base, self.goal)
             self._show_plan(estimate)
@@ -171,6 +188,16 @@ class Navigator(Stack):
         self.telemetry.command(command)
         self._tick += 1
         return command
+
+    def _report(self, percept: Percept, estimate: SlamEstimate) -> None:
+        """Report faults of the sensors as they begin and end, and once that the map is full."""
+        is_faulty = percept.fault is not None
+        if is_faulty != self._is_faulty:
+            self.telemetry.event(f"the robot stands: {percept.fault}" if is_faulty else "the sensors are valid", "WARN")
+        self._is_faulty = is_faulty
+        if not estimate.is_mapped and not self._is_map_full:
+            self._is_map_full = True
+            self.telemetry.event("the map has its greatest size: scans that reach beyond are not mapped", "WARN")
 
     def _follow(self, map_correction: Pose2) -> None:
         """Move everything that is remembered in the map along with it."""

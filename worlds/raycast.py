@@ -37,6 +37,8 @@ class _Caster(NamedTuple):
     """cos, sin of the beams in the lidar's frame, (num_beams, 2)."""
     max_range: float
     """Maximum range [m]."""
+    is_ring: bool
+    """Whether the beams go once round evenly from -pi on; otherwise every beam tries all shapes that are near."""
     directions: np.ndarray
     """Scratch: directions of the beams in the world, (num_beams, 3)."""
     near: np.ndarray
@@ -54,7 +56,7 @@ class RayCaster:
     Args:
         static: The static shapes, in the world.
         part_shapes: The movers' parts: sizes and heights; their poses come with each cast.
-        lidar: Beam directions in the lidar's frame and maximum range.
+        lidar: Beam directions in base_link and maximum range.
     """
 
     def __init__(self, static: ShapeArrays, part_shapes: ShapeArrays, lidar: LidarSpec):
@@ -62,7 +64,7 @@ class RayCaster:
         angles = lidar.angles_in_base()
         self._caster = _Caster(
             shapes, len(static), np.column_stack([np.cos(angles), np.sin(angles)]), lidar.max_range,
-            np.empty((lidar.num_beams, 3)), np.empty((len(shapes), 3)),
+            lidar.is_centred_ring, np.empty((lidar.num_beams, 3)), np.empty((len(shapes), 3)),
             np.empty((2, len(shapes) + _BINS + 1), np.int64),
         )  # fmt: skip
         self.directions = self._caster.directions
@@ -74,7 +76,7 @@ class RayCaster:
 
         Args:
             origin: Origin of the lidar in the world, (3,) [m].
-            world_from_lidar: Rotation, (3, 3).
+            world_from_lidar: Rotation of base_link, in whose axes the beams are given, (3, 3).
             part_poses: x, y, yaw of each part's centre in the world, (num_parts, 3).
             ranges: Output, (num_beams,) [m].
         """
@@ -94,7 +96,7 @@ def _packed(shapes: ShapeArrays) -> FloatArray:
 
 @njit(cache=True, error_model="numpy")
 def _cast(caster, part_poses, origin, rotation, ranges):
-    shapes, num_static, beams, max_range, directions, near, order = caster
+    shapes, num_static, beams, max_range, is_ring, directions, near, order = caster
     ox, oy, oz = origin[0], origin[1], origin[2]
     num_beams = len(beams)
     for i in range(len(part_poses)):
@@ -124,7 +126,7 @@ def _cast(caster, part_poses, origin, rotation, ranges):
         qx, qy, distance = near[index, 0], near[index, 1], near[index, 2]
         hx, hy, cos, sin = row[_HX], row[_HY], row[_COS], row[_SIN]
         z0, z1, is_cylinder = row[_Z0], row[_Z1], row[_CYLINDER] != 0.0
-        if steep or distance <= 0.0:
+        if steep or distance <= 0.0 or not is_ring:
             first, last = 0, num_beams - 1
         else:
             if is_cylinder:

@@ -90,6 +90,19 @@ LIDAR = LidarSpec(height=0.0945)
 220 degrees; the model is the merged scan of a front and a rear one, given from the base's axis, in which the base
 itself is not seen."""
 
+FRONT_LIDAR = LidarSpec(
+    num_beams=811,
+    min_range=0.05,
+    max_range=25.0,
+    rate=15.0,
+    height=0.0945,
+    angle_min=math.radians(-135.0),
+    angle_increment=math.radians(270.0) / 810,
+    mount=Pose2(0.202, 0.0, 0.0),
+)
+"""The front laser alone, a SICK TiM571 (data sheet: 270 degrees in steps of 1/3, 15 Hz, 0.05 to 25 m) where PMB2 has it
+(base_sensors.urdf.xacro); to drive with it, give it to a body: ``body.lidar = FRONT_LIDAR``."""
+
 SETTLE_TIME = 0.5
 """Time to sink into the contacts, by micrometres, and to come to rest [s]."""
 

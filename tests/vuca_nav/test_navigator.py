@@ -464,8 +464,10 @@ def test_rates_must_divide():
     body = disc_body()
     with pytest.raises(BadArgument, match="7"):
         Navigator(body, LIDAR, DynamicWindow(body, LIDAR), NavigatorConfig(planning_rate=7.0))
-    with pytest.raises(BadArgument, match="make them equal"):
-        Navigator(body, LidarSpec(rate=10.0), DynamicWindow(body, LIDAR))
+    with pytest.raises(BadArgument, match=r"made for 10\.0 Hz, the navigator's loop runs at 30\.0 Hz"):
+        Navigator(body, LIDAR, DynamicWindow(body, LIDAR, rate=10.0))
+    slow = LidarSpec(rate=10.0)
+    Navigator(body, slow, DynamicWindow(body, slow, rate=30.0))
 
 
 def test_the_stack_imports_without_simulator_and_torch():

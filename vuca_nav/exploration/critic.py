@@ -103,13 +103,14 @@ class LearnedCritic(Critic):
         body: The robot's body.
         lidar: The body's lidar.
         weights: Result of ``load_critic`` or of ``value_network``.
+        rate: Rate of the ticks [Hz]; by default the lidar's.
 
     Raises:
         BadArgument: If the critic's observation does not go with the lidar.
     """
 
-    def __init__(self, body: BodySpec, lidar: LidarSpec, weights: CriticWeights):
-        self._observer = PerceptObserver(weights.observation, body, lidar)
+    def __init__(self, body: BodySpec, lidar: LidarSpec, weights: CriticWeights, rate: float | None = None):
+        self._observer = PerceptObserver(weights.observation, body, lidar, rate)
         self._goal = weights.observation.goal_slice
         self._layers = Layers(tuple(map(inputs_first, weights.weights)), weights.biases)
         self._is_elu, self._is_chance = weights.activation == "elu", weights.is_chance

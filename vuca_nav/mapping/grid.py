@@ -14,6 +14,11 @@ from vuca_nav.types import FloatArray, Pose2
 OCCUPIED_ABOVE = 0.52
 FREE_BELOW = 0.48
 """Probabilities between which a cell is unknown (Zhang et al., Section III-C)."""
+MOST_CELLS = 1 << 25
+"""Greatest number of a grid's cells: at 0.05 m a square of 290 m, or a map of 5,000 by 6,400 cells, which the largest
+public logs of buildings take. A navigation grid of this size holds 170 MB, a matching grid 470 MB."""
+GROWTH = 1 / 4
+"""A grid grows by this share of its side, or by a block if that is more: so that a large one is copied seldom."""
 _TILE = 3
 """A tile is a square of 2^3 cells each way. Most tiles on a beam's way are wholly free, and the beam skips them."""
 
@@ -34,6 +39,8 @@ class GridConfig:
     """Levels are clamped here, p in [0.12, 0.88]: six passing beams, 0.2 s, free a cell that was surely occupied."""
     block: float = 8.0
     """The grid grows by multiples of this length [m]."""
+    most_cells: int = MOST_CELLS
+    """The grid grows no larger than this; scans that reach beyond are not inserted."""
 
     def __post_init__(self) -> None:
         """Check the settings.
@@ -135,28 +142,43 @@ class OccupancyGrid:
         """Mask of the cells that some scan has hit or changed, but none of the last ``scans``, (rows, columns)."""
         return (self._scan_of_last_update > 0) & (self._scan_of_last_update < self._scan_index - scans)
 
-    def cover(self, x_min: float, y_min: float, x_max: float, y_max: float) -> None:
-        """Grow, if need be, so that the rectangle lies inside."""
+    def cover(self, x_min: float, y_min: float, x_max: float, y_max: float) -> bool:
+        """Grow, if need be, so that the rectangle lies inside; returns whether it does: a grid has a greatest size."""
+        if not math.isfinite(x_min + y_min + x_max + y_max):
+            return False
         rows, columns = self.level.shape
         step = self.resolution
-        block = round(self.config.block / step)
         margin = 2 * step
         before = [
-            max(0, math.ceil((edge - (low - margin)) / step / block)) * block
-            for edge, low in zip(self.origin, (x_min, y_min))
+            self._growth(edge - (low - margin), cells)
+            for edge, low, cells in zip(self.origin, (x_min, y_min), (columns, rows))
         ]
         after = [
-            max(0, math.ceil(((high + margin) - (edge + cells * step)) / step / block)) * block
+            self._growth((high + margin) - (edge + cells * step), cells)
             for edge, cells, high in zip(self.origin, (columns, rows), (x_max, y_max))
         ]
         if not any(before) and not any(after):
-            return
+            return True
+        if (rows + before[1] + after[1]) * (columns + before[0] + after[0]) > self.config.most_cells:
+            return False
         self._grow(((before[1], after[1]), (before[0], after[0])))
         self.origin = (self.origin[0] - before[0] * step, self.origin[1] - before[1] * step)
+        return True
+
+    def _growth(self, missing: float, cells: int) -> int:
+        """Number of cells to add at one end of a side, a whole number of blocks.
+
+        Args:
+            missing: Length that is missing there [m].
+            cells: Length of the side, in cells.
+        """
+        block = round(self.config.block / self.resolution)
+        blocks = max(0, math.ceil(missing / self.resolution / block))
+        return block * max(blocks, math.floor(GROWTH * cells / block)) if blocks else 0
 
     def _grow(self, pad: tuple[tuple[int, int], tuple[int, int]]) -> None:
-        self.level = np.pad(self.level, pad)
-        self._scan_of_last_update = np.pad(self._scan_of_last_update, pad)
+        self.level = grown(self.level, pad)
+        self._scan_of_last_update = grown(self._scan_of_last_update, pad)
         self._cells = None
 
     @property
@@ -178,20 +200,19 @@ class OccupancyGrid:
             )
         return self._cells
 
-    def _include(self, x_min: float, y_min: float, x_max: float, y_max: float) -> None:
+    def _include(self, x_min: float, y_min: float, x_max: float, y_max: float) -> bool:
+        """Take a rectangle into the known box; returns whether the grid can hold it."""
         known = self.known_box
         if x_min < known[0] or y_min < known[1] or x_max > known[2] or y_max > known[3]:
-            self.known_box = (
-                min(x_min, known[0]),
-                min(y_min, known[1]),
-                max(x_max, known[2]),
-                max(y_max, known[3]),
-            )
-            self.cover(*self.known_box)
+            box = (min(x_min, known[0]), min(y_min, known[1]), max(x_max, known[2]), max(y_max, known[3]))
+            if not self.cover(*box):
+                return False
+            self.known_box = box
+        return True
 
     def insert(
         self, map_from_sensor: Pose2, points_in_map: FloatArray, num_hits: int, grazed: FloatArray, box: FloatArray
-    ) -> None:
+    ) -> bool:
         """Update every cell that the scan saw, once: raise the returns' cells, lower those on the way to them.
 
         Args:
@@ -201,10 +222,15 @@ class OccupancyGrid:
             grazed: (n,) length of the last part of each beam, over which it skims the surface it ends on and empties no
                 occupied cell [m].
             box: (4,) x_min, y_min, x_max, y_max of all ends and the sensor [m].
+
+        Returns:
+            Whether the scan is in the map now: not if the grid would have to grow beyond its greatest size.
         """
-        self._include(float(box[0]), float(box[1]), float(box[2]), float(box[3]))
+        if not self._include(float(box[0]), float(box[1]), float(box[2]), float(box[3])):
+            return False
         self._scan_index += 1
         _insert(self.cells, self._scan_index, map_from_sensor.x, map_from_sensor.y, points_in_map, num_hits, grazed)
+        return True
 
     def fill(self, level: NDArray[np.int8], origin: tuple[float, float]) -> None:
         """Take over a map known beforehand; it must have this grid's resolution.
@@ -212,10 +238,17 @@ class OccupancyGrid:
         Args:
             level: (rows, columns) -1 free, 0 unknown, 1 occupied; free and occupied become the extreme levels.
             origin: Lower-left corner in the map [m].
+
+        Raises:
+            BadArgument: If it does not fit into the greatest size of a grid.
         """
         step = self.resolution
         rows, columns = level.shape
-        self._include(origin[0], origin[1], origin[0] + columns * step, origin[1] + rows * step)
+        if not self._include(origin[0], origin[1], origin[0] + columns * step, origin[1] + rows * step):
+            raise BadArgument(
+                f"a map of {columns} x {rows} cells from {tuple(origin)} on does not fit into a grid, which has at "
+                f"most {self.config.most_cells} cells: cut it, or start inside it"
+            )
         i, j = self.cell(origin[0] + 0.5 * step, origin[1] + 0.5 * step)
         self.level[i : i + rows, j : j + columns] = np.sign(level) * self.config.limit
         self._cells = None
@@ -230,6 +263,20 @@ def _probability(log_odds: float) -> float:
 def _entropy(p: float) -> float:
     """Entropy of a cell that is occupied with probability p [nat]."""
     return -p * math.log(p) - (1.0 - p) * math.log(1.0 - p) if 0.0 < p < 1.0 else 0.0
+
+
+def grown(array: np.ndarray, pad: tuple[tuple[int, int], tuple[int, int]]) -> np.ndarray:
+    """An array with rows and columns of zeros added before and after; these take no memory until they are written to.
+
+    Args:
+        array: (rows, columns, ...).
+        pad: Rows before and after, columns before and after.
+    """
+    (above, below), (left, right) = pad
+    rows, columns = array.shape[:2]
+    larger = np.zeros((above + rows + below, left + columns + right, *array.shape[2:]), array.dtype)
+    larger[above : above + rows, left : left + columns] = array
+    return larger
 
 
 @njit(cache=True)

@@ -11,12 +11,14 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from vuca_nav.errors import BadArgument
 from vuca_nav.geometry import compose, inverse, wrap_angle
 from vuca_nav.kernel_cache import njit
 from vuca_nav.mapping.grid import GridConfig, OccupancyGrid
 from vuca_nav.mapping.scan_matching import ScanMatcher, ScanMatcherConfig
 from vuca_nav.mapping.surfaces import SurfaceGrid
 from vuca_nav.perception.percept import Percept
+from vuca_nav.perception.readings import FARTHEST
 from vuca_nav.types import STANDING, FloatArray, LidarSpec, Pose2
 
 _SIDE = 3
@@ -65,6 +67,8 @@ class SlamEstimate:
     """(n, 2) the scan's returns [m]; valid until the next scan."""
     navigation_grid: OccupancyGrid
     """The navigation grid after this scan; later scans change it."""
+    is_mapped: bool = True
+    """False if the scan reaches beyond the greatest size of a map: it has not been written into it."""
 
 
 class _BeamRule(NamedTuple):
@@ -74,6 +78,8 @@ class _BeamRule(NamedTuple):
     max_range: float
     neighbours: int
     thickness: float
+    wraps: bool
+    """Whether the last beam is the first one's neighbour."""
 
 
 class Slam:
@@ -82,11 +88,14 @@ class Slam:
     def __init__(self, lidar: LidarSpec, config: SlamConfig = SlamConfig()):
         self.config = config
         self.lidar = lidar
-        self._rule = _BeamRule(lidar.min_range, lidar.max_range, config.neighbours, config.surface_thickness)
+        self._rule = _BeamRule(
+            lidar.min_range, lidar.max_range, config.neighbours, config.surface_thickness, lidar.sees_all_round
+        )
         self._ends_in_base = np.zeros((lidar.num_beams, 2))
         self._ends_in_map = np.zeros((lidar.num_beams, 2))
         self._grazed = np.zeros(lidar.num_beams)
         self._box = np.zeros(4)
+        self._is_mounted = lidar.mount[:2] != (0.0, 0.0)
         self._matcher = ScanMatcher(config.matcher, lidar.num_beams)
         self.reset(Pose2(0.0, 0.0, 0.0))
 
@@ -96,7 +105,13 @@ class Slam:
         Args:
             start: ``map_from_base`` now.
             prior_map: A map known beforehand, if there is one.
+
+        Raises:
+            BadArgument: If the pose is not finite or too far out, or the map is larger than a map can be.
         """
+        start = Pose2(*(float(value) for value in start))
+        if not all(abs(value) < FARTHEST for value in start):
+            raise BadArgument(f"the start {tuple(start)} must be finite, within {FARTHEST:g} m of the map's origin")
         self.navigation_grid = OccupancyGrid(self.config.navigation_grid, (start.x, start.y))
         self.matching_grid = SurfaceGrid(self.config.matching_grid, (start.x, start.y))
         if prior_map is not None:
@@ -129,9 +144,22 @@ class Slam:
         """Localise the scan in the map, then write it into the map.
 
         Moving tracks are no landmarks and have no place in a map. Beams that end on one empty the cells on their way,
-        as others do. While odometry is not finite the estimate stays, and nothing is mapped.
+        as others do. While odometry is not known the estimate stays, and nothing is mapped. A tick without a new scan
+        moves the estimate on by odometry. Where the map cannot grow any more the robot is localised in what there is.
+
+        Raises:
+            BadArgument: If the percept is of a lidar with another number of beams.
         """
-        if not math.isfinite(sum(percept.odom_from_base)):
+        if percept.level.ranges.shape != (self.lidar.num_beams,):
+            raise BadArgument(
+                f"the percept is of {len(percept.level.ranges)} beams, SLAM's lidar has {self.lidar.num_beams}: give "
+                "both the same LidarSpec"
+            )
+        if not (percept.odometry_is_known and math.isfinite(sum(percept.odom_from_base))):
+            return self._stay()
+        if not percept.is_new:
+            if self.map_from_odom is not None:
+                self._map_from_base = compose(self.map_from_odom, percept.odom_from_base)
             return self._stay()
         config, level, ends_in_base = self.config, percept.level, self._ends_in_base
         if self.map_from_odom is None:
@@ -142,11 +170,14 @@ class Slam:
         pose, score = predicted, 1.0
         if config.localisation == "slam" and self._num_scans > 0 and num_hits > 0:
             pose, score = self._matcher.match(self.matching_grid, predicted, ends_in_base[:num_hits])
-        _to_map(pose, ends_in_base[:num_ends], self._ends_in_map, self._box)
+        map_from_lidar = pose
+        if self._is_mounted:
+            map_from_lidar = compose(pose, Pose2(float(level.origin[0]), float(level.origin[1]), 0.0))
+        _to_map(pose, map_from_lidar, ends_in_base[:num_ends], self._ends_in_map, self._box)
         ends_in_map = self._ends_in_map[:num_ends]
-        self.navigation_grid.insert(pose, ends_in_map, num_hits, self._grazed, self._box)
+        is_mapped = self.navigation_grid.insert(map_from_lidar, ends_in_map, num_hits, self._grazed, self._box)
         if config.localisation == "slam" and self._is_due(percept.stamp, pose):
-            self.matching_grid.insert(pose, ends_in_map, num_hits, self._grazed, self._box)
+            is_mapped &= self.matching_grid.insert(map_from_lidar, ends_in_map, num_hits, self._grazed, self._box)
             self._inserted_at, self._inserted_stamp = pose, percept.stamp
         self._num_scans += 1
         if pose is not predicted or self.map_from_odom is None:
@@ -154,11 +185,11 @@ class Slam:
         self._map_from_base = pose
         correction, self._correction = self._correction, STANDING
         return SlamEstimate(
-            pose, self.map_from_odom, correction, score, ends_in_map[:num_returns], self.navigation_grid
+            pose, self.map_from_odom, correction, score, ends_in_map[:num_returns], self.navigation_grid, is_mapped
         )
 
     def _stay(self) -> SlamEstimate:
-        """The last estimate, without a scan."""
+        """The present estimate, without a scan."""
         correction, self._correction = self._correction, STANDING
         map_from_odom = self._map_from_base if self.map_from_odom is None else self.map_from_odom
         return SlamEstimate(
@@ -185,8 +216,8 @@ def _beam_ends(level, rule, ends, grazed):
     Returns:
         The number of ends of the first kind, of the first two, and of all three.
     """
-    ranges, beams = level.ranges, level.beams
-    min_range, max_range = rule.min_range, rule.max_range
+    ranges, beams, origin = level.ranges, level.beams, level.origin
+    min_range, max_range, wraps = rule.min_range, rule.max_range, rule.wraps
     n = ranges.shape[0]
     count = num_hits = 0
     for moves in (False, True):
@@ -195,12 +226,12 @@ def _beam_ends(level, rule, ends, grazed):
             if not min_range <= r < max_range or level.is_mover[k] != moves:
                 continue
             x, y = r * beams[k, 0], r * beams[k, 1]
-            ends[count, 0], ends[count, 1] = x, y
+            ends[count, 0], ends[count, 1] = origin[0] + x, origin[1] + y
             # The more grazing of the angles to the returns on either side: beyond a wall's end there may be none.
             sine = 1.0
             for d in (-_SIDE, _SIDE):
                 j = (k + d) % n
-                if ranges[j] < max_range:
+                if ranges[j] < max_range and (wraps or j == k + d):
                     tx = ranges[j] * beams[j, 0] - x
                     ty = ranges[j] * beams[j, 1] - y
                     cross = abs(beams[k, 0] * ty - beams[k, 1] * tx)
@@ -214,22 +245,24 @@ def _beam_ends(level, rule, ends, grazed):
         if ranges[k] >= max_range:
             free = max_range
             for d in range(-rule.neighbours, rule.neighbours + 1):
-                free = min(free, ranges[(k + d) % n])
+                j = (k + d) % n
+                if wraps or j == k + d:
+                    free = min(free, ranges[j])
             if free >= min_range:
-                ends[count, 0] = free * beams[k, 0]
-                ends[count, 1] = free * beams[k, 1]
+                ends[count, 0] = origin[0] + free * beams[k, 0]
+                ends[count, 1] = origin[1] + free * beams[k, 1]
                 grazed[count] = 0.0
                 count += 1
     return num_hits, num_returns, count
 
 
 @njit(cache=True)
-def _to_map(map_from_base, points_in_base, points_in_map, box):
-    """Transform points into the map, and find the bounding box of the result and the origin."""
+def _to_map(map_from_base, map_from_lidar, points_in_base, points_in_map, box):
+    """Transform points into the map, and find the bounding box of the result and the lidar."""
     x, y, yaw = map_from_base
     c, s = math.cos(yaw), math.sin(yaw)
-    box[0] = box[2] = x
-    box[1] = box[3] = y
+    box[0] = box[2] = map_from_lidar[0]
+    box[1] = box[3] = map_from_lidar[1]
     for k in range(points_in_base.shape[0]):
         px = x + c * points_in_base[k, 0] - s * points_in_base[k, 1]
         py = y + s * points_in_base[k, 0] + c * points_in_base[k, 1]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vuca_nav.kernel_cache import njit
-from vuca_nav.mapping.grid import GridConfig, OccupancyGrid
+from vuca_nav.mapping.grid import GridConfig, OccupancyGrid, grown
 from vuca_nav.types import FloatArray, Pose2
 
 MAX_COUNT = 60
@@ -69,10 +69,12 @@ class SurfaceGrid(OccupancyGrid):
 
     def insert(
         self, map_from_sensor: Pose2, points_in_map: FloatArray, num_hits: int, grazed: FloatArray, box: FloatArray
-    ) -> None:
+    ) -> bool:
         """Insert a scan as ``OccupancyGrid.insert`` does, and move the means of the returns' cells."""
-        super().insert(map_from_sensor, points_in_map, num_hits, grazed, box)
-        _average(self.surface, self.config.hit, points_in_map, num_hits)
+        is_mapped = super().insert(map_from_sensor, points_in_map, num_hits, grazed, box)
+        if is_mapped:
+            _average(self.surface, self.config.hit, points_in_map, num_hits)
+        return is_mapped
 
     def fill(self, level: NDArray[np.int8], origin: tuple[float, float]) -> None:
         """Take over a map known beforehand; only occupied cells beside a free one are surfaces.
@@ -89,8 +91,8 @@ class SurfaceGrid(OccupancyGrid):
 
     def _grow(self, pad: tuple[tuple[int, int], tuple[int, int]]) -> None:
         super()._grow(pad)
-        self.mean = np.pad(self.mean, (*pad, (0, 0)))
-        self.count = np.pad(self.count, pad)
+        self.mean = grown(self.mean, pad)
+        self.count = grown(self.count, pad)
         self._surface = None
 
 

@@ -10,6 +10,8 @@ from vuca_nav.perception.distance_field import DistanceField
 from vuca_nav.perception.scan_memory import ScanField, ScanHistory
 from vuca_nav.types import FloatArray, Pose2, Scan, Twist2
 
+_AT_BASE: FloatArray = np.zeros(2)
+
 
 class LevelScan(NamedTuple):
     """A scan as seen from above, for mapping: a leaning body's beams projected onto the floor."""
@@ -20,6 +22,8 @@ class LevelScan(NamedTuple):
     """(num_beams, 2) directions over ground, ahead and left of the base."""
     is_mover: NDArray[np.bool_]
     """(num_beams,) mask of the returns of moving tracks."""
+    origin: FloatArray = _AT_BASE
+    """(2,) place of the lidar over ground, ahead and left of the base [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,24 +31,38 @@ class Percept:
     """One tick's perception. Its arrays, ``history`` and ``field`` are lent: the next tick writes over them."""
 
     scan: Scan
-    """The scan as the lidar gave it."""
+    """The lidar's latest scan, checked: what is no return is ``inf``, or NaN where nothing is known."""
+    is_new: bool
+    """Whether this tick is the first with this scan. Where it is not, ``ring`` is the scan moved on by odometry."""
+    ring: FloatArray
+    """(ring beams,) distance from base_link to the nearest obstacle in every direction, the beams of ``ring_of`` the
+    lidar [m]; ``inf`` where nothing came back, NaN where single beams are missing. Where the lidar does not look, it is
+    the distance up to which that direction was seen free lately."""
+    ring_level: LevelScan
+    """The ring as seen from above."""
     odom_from_base: Pose2
+    """Pose by odometry, without jumps: while ``odometry_is_known`` is false it stays, and goes on from there."""
+    odometry_is_known: bool
     motion: Pose2
-    """Displacement of the base since the last tick by odometry, in its frame of then."""
+    """Displacement of the base since the last tick by odometry, in its frame of then; none while it is not known."""
     twist: Twist2
     """Measured velocity."""
     is_valid: bool
-    """False if more than half of the scan is NaN, or velocity or motion is not finite: the body has to stand."""
+    """False while there is a ``fault``: the body has to stand."""
+    fault: str | None
+    """What is wrong: more than half of the scan is NaN, no new scan comes, a number is not finite, or the odometry
+    jumps farther than the body can. None if nothing is."""
     is_blind: bool
     """Whether no beam came back at all: an open field, or a dead lidar."""
     level: LevelScan
+    """The scan as seen from above; of use while it is new."""
     tracks: FloatArray
     """(k, TRACK_SIZE) as ``vuca_nav.perception.tracks`` names the columns, in base_link over ground."""
     moving: FloatArray
     """(m, 3) x, y [m] in base_link over ground and radius [m] of the tracks that surely move. They have no place in a
     map, and bar no path: when the robot gets there they are elsewhere."""
     history: ScanHistory
-    """Scans of the last ticks."""
+    """Rings of the last ticks."""
     field: ScanField
     """Source of ``distance_field``."""
 

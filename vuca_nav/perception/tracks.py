@@ -126,6 +126,10 @@ class Tracker:
         """
         _update(rows, _Sight(ranges, motions, reaches, fresh), self._state, self._workspace)
 
+    def predict(self, rows: NDArray[np.int64], motions: FloatArray) -> None:
+        """Let a call's time pass for these rows without a scan; motions as ``update`` takes them."""
+        _predict(rows, motions, self._state, self._workspace.period)
+
     def tracks_in_base(self, row: int, out: FloatArray) -> int:
         """Tracks of a row as they are now.
 
@@ -147,6 +151,22 @@ class Tracker:
 
 
 @njit(cache=True, nogil=True)
+def _predict(rows, motions, state, period):
+    for i in rows:
+        _move(state.odometry[i], motions[i])
+        state.since[i] += period
+
+
+@njit(cache=True, nogil=True)
+def _move(pose, motion):
+    """Add a displacement, in the base frame, to a pose."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    pose[0] += c * motion[0] - s * motion[1]
+    pose[1] += s * motion[0] + c * motion[1]
+    pose[2] += motion[2]
+
+
+@njit(cache=True, nogil=True)
 def _update(rows, sight, state, workspace):
     for i in rows:
         pose = state.odometry[i]
@@ -155,11 +175,7 @@ def _update(rows, sight, state, workspace):
             pose[:] = 0.0
             state.since[i] = workspace.spacing
         else:
-            c, s = math.cos(pose[2]), math.sin(pose[2])
-            motion = sight.motions[i]
-            pose[0] += c * motion[0] - s * motion[1]
-            pose[1] += s * motion[0] + c * motion[1]
-            pose[2] += motion[2]
+            _move(pose, sight.motions[i])
             state.since[i] += workspace.period
         if state.since[i] < workspace.spacing - 1e-6:
             continue

@@ -17,7 +17,13 @@ class LocalGoal(NamedTuple):
 
 
 class LocalPolicy(ABC):
-    """Local controller that is asked for a command once a tick, at the lidar's rate."""
+    """Local controller that is asked for a command once a tick.
+
+    Attributes:
+        rate: Rate of the ticks that it is made for [Hz]; None if any will do.
+    """
+
+    rate: float | None = None
 
     @abstractmethod
     def reset(self) -> None:

@@ -115,10 +115,24 @@ class EscapeSettings(NamedTuple):
 
 
 class DynamicWindow(LocalPolicy):
-    """The dynamic window as a policy, for differential bodies and quadrupeds: v_y is 0 but on the way out."""
+    """The dynamic window as a policy, for differential bodies and quadrupeds: v_y is 0 but on the way out.
 
-    def __init__(self, body: BodySpec, lidar: LidarSpec, config: DynamicWindowConfig = DynamicWindowConfig()):
+    Args:
+        body: The body that is driven.
+        lidar: The body's lidar.
+        config: Settings.
+        rate: Rate of the ticks [Hz]; by default the lidar's.
+    """
+
+    def __init__(
+        self,
+        body: BodySpec,
+        lidar: LidarSpec,
+        config: DynamicWindowConfig = DynamicWindowConfig(),
+        rate: float | None = None,
+    ):
         self.body = body
+        self.rate = ticks = lidar.rate if rate is None else rate
         self.config = config
         self._discs = cover_by_discs(body.footprint)
         self._turning_disc = np.array([[0.0, 0.0, body.radius]])
@@ -148,8 +162,8 @@ class DynamicWindow(LocalPolicy):
             round(config.escape_horizon / config.time_step),
             config.time_step,
         )
-        self._dt = 1.0 / lidar.rate
-        self._delay = CommandDelay(body, lidar.rate)
+        self._dt = 1.0 / ticks
+        self._delay = CommandDelay(body, ticks)
         self.reset()
 
     def reset(self) -> None:

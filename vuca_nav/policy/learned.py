@@ -23,6 +23,7 @@ class LearnedPolicy(LocalPolicy):
         weights: Result of ``load_weights``.
         gate: Source of the experts' shares.
         telemetry: Receives the shares at every tick.
+        rate: Rate of the ticks [Hz]; by default the lidar's.
 
     Raises:
         BadArgument: If the weights' observation does not go with the lidar, or there is no such expert.
@@ -35,10 +36,12 @@ class LearnedPolicy(LocalPolicy):
         weights: PolicyWeights,
         gate: Gate = LEARNED_GATE,
         telemetry: Telemetry = Telemetry(),
+        rate: float | None = None,
     ):
+        self.rate = lidar.rate if rate is None else rate
         self.network = make_network(weights, gate)
         self.telemetry = telemetry
-        self._observer = PerceptObserver(weights.observation, body, lidar)
+        self._observer = PerceptObserver(weights.observation, body, lidar, self.rate)
         self._limits = limits_of(body)
         self._action = np.zeros(ACTION_SIZE)
 

@@ -18,6 +18,7 @@ from vuca_nav.errors import BadArgument
 from vuca_nav.footprint import outline_ranges
 from vuca_nav.kernel_cache import njit
 from vuca_nav.perception.percept import Percept
+from vuca_nav.perception.ring import ring_of
 from vuca_nav.perception.tracks import Tracker
 from vuca_nav.policy import frames
 from vuca_nav.policy.track_features import (
@@ -238,11 +239,21 @@ class Observer:
             twists: (n, 3) measured velocities in base_link [m/s, m/s, rad/s].
             motions: (n, 3) the base's displacement since the last call by odometry: x, y, yaw in the base frame of
                 then [m, m, rad]. ``paper`` does not use them.
-            out: (n, size), written to.
+            out: (n, size) float32, written to.
             first_of: Make only the first observation of these rows, which were reset since the last call; for the
                 others no time passes.
             only: Leave the other rows' observations alone; they must be reset before they are observed again.
+
+        Raises:
+            BadArgument: If an array has another shape.
         """
+        n, beams = self._bodies.outline.shape
+        for what, array, width in (
+            ("ranges", ranges, beams), ("goals_in_base", goals_in_base, 2), ("twists", twists, 3),
+            ("motions", motions, 3), ("out", out, self.size),
+        ):  # fmt: skip
+            if array.shape != (n, width):
+                raise BadArgument(f"{what} has shape {array.shape}, expected {(n, width)}: a row for each robot")
         config, bodies, ring = self.config, self._bodies, self._ring
         if first_of is None:
             self._slot = (self._slot + 1) % ring.scans.shape[1]
@@ -270,18 +281,20 @@ class PerceptObserver:
         config: Parts of the observation.
         body: The body that is driven.
         lidar: The body's lidar.
+        rate: Rate of the ticks [Hz]; by default the lidar's.
 
     Raises:
-        BadArgument: Under the conditions of ``Observer``.
+        BadArgument: Under the conditions of ``Observer``, for the beams of the lidar's ring.
     """
 
-    def __init__(self, config: ObservationConfig, body: BodySpec, lidar: LidarSpec):
+    def __init__(self, config: ObservationConfig, body: BodySpec, lidar: LidarSpec, rate: float | None = None):
         self.config = config
-        self._lags = _lags_in_ticks(config, lidar.num_beams, lidar.rate)
+        ring = ring_of(lidar, rate)
+        self._lags = _lags_in_ticks(config, ring.num_beams, ring.rate)
         self._layout = _layout_of(config)
         self._workspace = TrackWorkspace.new()
         self._body = _Bodies(
-            np.empty((1, lidar.num_beams)), np.empty((1, 4)), np.empty((1, BODY_SIZE)), np.empty(1), np.empty(1)
+            np.empty((1, ring.num_beams)), np.empty((1, 4)), np.empty((1, BODY_SIZE)), np.empty(1), np.empty(1)
         )
         _write_body(self._body, 0, body, config)
         self._observation = np.zeros(config.size, np.float32)
@@ -290,8 +303,13 @@ class PerceptObserver:
         """Make the observation with this waypoint [m], (size,); valid until the next call.
 
         Raises:
-            BadArgument: If the percept does not go back far enough.
+            BadArgument: If the percept does not go back far enough, or is of another lidar.
         """
+        if percept.ring.shape != self._body.outline[0].shape:
+            raise BadArgument(
+                f"the percept's ring has {len(percept.ring)} beams, the policy's {self._body.outline.shape[1]}: give "
+                "both the same LidarSpec"
+            )
         depth = int(self._lags.max(initial=0)) + 1
         if depth > percept.history.depth:
             raise BadArgument(
@@ -306,7 +324,7 @@ class PerceptObserver:
             )  # fmt: skip
             return self._observation
         _observe_percept(
-            percept.scan.ranges, past, percept.tracks, goal_in_base, percept.twist, self._body, self._layout,
+            percept.ring, past, percept.tracks, goal_in_base, percept.twist, self._body, self._layout,
             self._workspace, self._observation,
         )  # fmt: skip
         return self._observation

@@ -18,6 +18,7 @@ from vuca_nav.errors import BadArgument
 from vuca_nav.footprint import cover_by_discs, size_of
 from vuca_nav.perception.distance_field import DistanceField, fill_field
 from vuca_nav.perception.percept import Percept
+from vuca_nav.perception.ring import BeamGeometry, ring_of
 from vuca_nav.perception.tracks import MAX_TRACKS, TRACK_SIZE, V_X, V_Y, X, Y, select_moving
 from vuca_nav.policy.base import LocalGoal, LocalPolicy
 from vuca_nav.policy.delay import CommandDelay
@@ -103,8 +104,8 @@ class CommandFilter:
 
     def __init__(self, body: BodySpec, lidar: LidarSpec, config: ShieldConfig = ShieldConfig()):
         self._config = c = config
-        angles = lidar.angles_in_base()
-        self._beams_in_base = np.column_stack([np.cos(angles), np.sin(angles)])
+        ring = ring_of(lidar)
+        self._beams_in_base = BeamGeometry.of(ring).directions
         discs = cover_by_discs(body.footprint)
         self._settings = ShieldSettings(
             limits=limits_of(body), accelerations=np.array([body.max_a_x, body.max_a_y, body.max_a_w]), discs=discs,
@@ -114,7 +115,7 @@ class CommandFilter:
         )  # fmt: skip
         self._static = DistanceField.empty(c.reach, c.resolution)
         self._far = DistanceField.empty(c.far_reach, c.far_resolution)
-        self._ranges = np.zeros(lidar.num_beams)
+        self._ranges = np.zeros(ring.num_beams)
         self._delay = body.delay
         v_x = np.union1d(np.linspace(body.min_v_x, body.max_v_x, c.num_v_x), 0.0)
         v_y = np.linspace(-body.max_v_y, body.max_v_y, c.num_v_y) if body.max_v_y > 0.0 else np.zeros(1)
@@ -135,13 +136,20 @@ class CommandFilter:
             last: Velocity of the body when the command is answered.
             start: Pose of the body then, in base_link.
             percept: The percept of this tick.
+
+        Raises:
+            BadArgument: If the percept is of another lidar.
         """
-        c, settings, ranges, beams = self._config, self._settings, percept.scan.ranges, self._beams_in_base
+        c, settings, ranges, beams = self._config, self._settings, percept.ring, self._beams_in_base
+        if len(ranges) != len(beams):
+            raise BadArgument(
+                f"the percept's ring has {len(ranges)} beams, the shield's {len(beams)}: give both the same LidarSpec"
+            )
         state = BodyState(*start, math.cos(start.yaw), math.sin(start.yaw), *last)
         moving = self._moving[: select_moving(percept.tracks, c.moving, c.certainty, self._moving)]
         near, futures, whole, static_ranges = _NONE, self._futures.positions, percept.field, ranges
         if len(moving):
-            without_tracks(ranges, percept.level, moving, self._ranges)
+            without_tracks(ranges, percept.ring_level, moving, self._ranges)
             static_ranges = self._ranges
             fill_field(static_ranges, beams, self._far)
             moving[:, [X, Y]] += self._delay * moving[:, [V_X, V_Y]]  # to when the body answers
@@ -181,6 +189,7 @@ class Shield(LocalPolicy):
         policy: The policy that is filtered.
         config: Settings.
         command_filter: Shared with other shields of the same body, lidar and settings; by default one of its own.
+        rate: Rate of the ticks [Hz]; by default the lidar's.
     """
 
     def __init__(
@@ -190,10 +199,12 @@ class Shield(LocalPolicy):
         policy: LocalPolicy,
         config: ShieldConfig = ShieldConfig(),
         command_filter: CommandFilter | None = None,
+        rate: float | None = None,
     ):
+        self.rate = lidar.rate if rate is None else rate
         self.policy, self.config = policy, config
         self._filter = command_filter or CommandFilter(body, lidar, config)
-        self._delay = CommandDelay(body, lidar.rate)
+        self._delay = CommandDelay(body, self.rate)
 
     def reset(self) -> None:
         """Forget the last mission."""

@@ -115,10 +115,14 @@ def test_while_the_percept_is_not_valid_all_are_alike(critic, broken):
     assert (critic.values(POINTS, percept_of(np.full(360, 3.0)), STANDING) < 1.0).all()
 
 
-def test_a_lidar_that_does_not_fit_is_refused(tmp_path):
-    weights = load_critic(random_safety(tmp_path / "s.safetensors"))
-    with pytest.raises(BadArgument, match="do not divide"):
-        LearnedCritic(BODY, LidarSpec(num_beams=361), weights)
+@pytest.mark.parametrize("beams", [181, 361, 720, 1081])
+def test_any_number_of_beams_will_do(tmp_path, beams):
+    lidar = LidarSpec(num_beams=beams)
+    critic = LearnedCritic(BODY, lidar, load_critic(random_safety(tmp_path / "s.safetensors")))
+    values = critic.values(POINTS, percept_of(np.full(beams, 3.0), lidar), STANDING)
+    assert ((values > 0.0) & (values < 1.0)).all()
+    with pytest.raises(BadArgument, match="give both the same LidarSpec"):
+        critic.values(POINTS, percept_of(np.full(1440, 3.0), LidarSpec(num_beams=1440)), STANDING)
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,7 @@ def random_ranges(seed: int) -> np.ndarray:
         ranges = ranges_to_boxes(room(4.0, 3.0), Pose2(*rng.uniform((0.5, 0.5, -3.0), (3.5, 2.5, 3.0))))
     else:
         ranges = np.where(rng.random(360) < 0.02, rng.uniform(0.0, 5.0, 360), np.inf)
-    ranges[rng.random(360) < 0.05] = rng.choice([np.inf, np.nan, 0.0])
+    ranges[rng.random(360) < 0.05] = rng.choice([np.inf, np.nan, 0.05])
     return ranges
 
 

@@ -163,9 +163,7 @@ def test_the_shares_are_told_at_every_tick(weights):
     assert uniform.network.shares == pytest.approx([0.25] * 4)
 
 
-def test_a_lidar_that_does_not_fit_is_refused(weights):
-    with pytest.raises(BadArgument, match="do not divide"):
-        LearnedPolicy(BODY, LidarSpec(num_beams=361), weights)
+def test_a_rate_that_does_not_fit_is_refused(weights):
     with pytest.raises(BadArgument, match="spaced by"):
         LearnedPolicy(BODY, LidarSpec(rate=25.0), weights)
 
