@@ -2,6 +2,7 @@
 
 import hashlib
 import importlib.util
+import logging
 import os
 import signal
 import tempfile
@@ -104,6 +105,7 @@ class NavigationTraining(TrainingLoop[PpoLearner]):
                 _work, (self, environments, meeting), nprocs=run.workers, join=False, start_method="fork"
             )
             assert workers is not None  # as it is not joined
+            logging.getLogger(start_processes.__module__).setLevel(logging.ERROR)  # the error says what ended them
             try:
                 while not workers.join():
                     pass

@@ -5,6 +5,7 @@ import copy
 import json
 import math
 import sys
+import threading
 import time
 from abc import ABC, abstractmethod
 from pathlib import Path
@@ -187,6 +188,7 @@ class _Recorder:
 
     def __init__(self, loop: TrainingLoop, done: int):
         loop.directory.cut_log(done)
+        self._hook, threading.excepthook = threading.excepthook, _all_but_errors_of_the_disk
         self._loop, self._size = loop, loop.steps_per_iteration
         self._log = loop.directory.log.open("a", buffering=1)
         self._writer = SummaryWriter(str(loop.directory.path / "tensorboard"), purge_step=done * self._size)
@@ -208,3 +210,10 @@ class _Recorder:
         for part in (self._log, self._writer, self._bar):
             with contextlib.suppress(OSError):  # rows are on disk already; after a full disk the error is being raised
                 part.close()
+        threading.excepthook = self._hook
+
+
+def _all_but_errors_of_the_disk(failed: threading.ExceptHookArgs) -> None:
+    """Print what ended a thread, but for TensorBoard's complaint about a full disk, which the log reports."""
+    if failed.exc_type is None or not issubclass(failed.exc_type, OSError):
+        threading.__excepthook__(failed)

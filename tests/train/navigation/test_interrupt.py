@@ -9,26 +9,7 @@ from pathlib import Path
 
 import pytest
 
-SMALL = [
-    "--worlds",
-    "8",
-    "--horizon",
-    "4",
-    "--minibatch",
-    "32",
-    "--epochs",
-    "1",
-    "--layouts",
-    "2",
-    "--pairs",
-    "4",
-    "--hidden",
-    "16",
-    "--critic",
-    "16",
-    "--steps",
-    "999999",
-]
+SMALL = "--worlds 8 --horizon 4 --minibatch 32 --epochs 1 --layouts 2 --pairs 4 --hidden 16 --critic 16 --steps 999999"
 
 
 @pytest.mark.slow
@@ -46,7 +27,7 @@ def test_no_worker_is_left_and_the_run_can_go_on(to_worker, number, code, told, 
     command = [sys.executable, "-m", "vuca_nav.cli", "train", "go-straight", "--out", str(tmp_path), "--workers", "2"]
     with (tmp_path / "told").open("w") as file:
         process = subprocess.Popen(
-            [*command, *SMALL], env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])},
+            [*command, *SMALL.split()], env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])},
             stdout=subprocess.DEVNULL, stderr=file, start_new_session=True,
         )  # fmt: skip
     checkpoint = tmp_path / "go-straight" / "checkpoint.pt"
