@@ -360,10 +360,13 @@ def test_an_unknown_field_gets_a_guess_and_a_short_line(tmp_path):
 
 
 def test_a_list_that_is_too_long_is_refused_without_being_shown(tmp_path):
-    text = refusal(tmp_path, "\n".join(["obstacles:", *(["- {}"] * 10_001)]))
+    entry = "- {kind: wall, shape: {type: box, x: 5, y: 0.1, length: 10, width: 0.2, yaw: 0, height: 2}}\n"
+    empty = yaml.safe_dump({**SMALL, "obstacles": []})
+    text = refusal(tmp_path, empty.replace("obstacles: []\n", "obstacles:\n" + entry * 10_001))
+    assert text.startswith("obstacles: it has 10001 entries; at most 10000")
+    text = refusal(tmp_path, empty.replace("obstacles: []\n", "obstacles:\n" + "- {}\n" * 10_001))
+    assert text.startswith("obstacles[0]: kind, shape missing (line ")
     assert len(text) < 300
-    obstacles = [copy.deepcopy(SMALL["obstacles"][0]) for _ in range(10_001)]
-    assert "obstacles: it has 10001 entries; at most 10000" in refusal(tmp_path, {**SMALL, "obstacles": obstacles})
 
 
 def pedestrian(x, y, *waypoints, radius=0.3):
