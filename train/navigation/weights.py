@@ -53,10 +53,11 @@ def _tensors_of(actor: Actor, critic: nn.Module) -> dict[str, Tensor]:
             assert isinstance(trunk, ConvolutionalTrunk)
             for name, layers in (("conv_", trunk.convolution_layers), ("", trunk.layers)):
                 for k, layer in enumerate(layers):
-                    stacked = not prefix and not name
                     assert layer.bias is not None
-                    weight, bias = (layer.weight[None], layer.bias[None]) if stacked else (layer.weight, layer.bias)
-                    tensors[f"{prefix}{name}weight_{k}"], tensors[f"{prefix}{name}bias_{k}"] = weight, bias
+                    tensors[f"{prefix}{name}weight_{k}"], tensors[f"{prefix}{name}bias_{k}"] = layer.weight, layer.bias
+        for k in range(len(actor.trunk.layers)):
+            for name in (f"weight_{k}", f"bias_{k}"):
+                tensors[name] = tensors[name][None]
         return tensors
     assert isinstance(actor, FusedActor)
     for k, layer in enumerate(actor.layers):
