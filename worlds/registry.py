@@ -9,7 +9,7 @@ import numpy as np
 from vuca_nav.errors import BadArgument, UnknownName
 from worlds.checks import check_task
 from worlds.importers.scene_file import load_scene
-from worlds.scenes import building, double_branch, factory, square, training
+from worlds.scenes import building, crossing, double_branch, factory, square, training
 from worlds.scenes.parts.generation import stream
 from worlds.world import TALLEST, Mover, World
 
@@ -78,6 +78,10 @@ WORLDS: dict[str, WorldKind] = {
     "building": WorldKind(
         building.building, "lobby, corridor, rooms and doors, with a crowd that avoids people and the robot",
         {"movers": Option(0, building.MOST_PEOPLE, building.PEOPLE)},
+    ),
+    "crossing": WorldKind(
+        crossing.crossing, "23 x 23 m open ground crossed by blind movers that avoid each other, as in CrowdNav++",
+        {"movers": Option(0, crossing.MOST_MOVERS, crossing.MOVERS)},
     ),
     "static": WorldKind(training.static, "the paper's training scene of walls and roadblocks"),
     "dynamic": WorldKind(

@@ -16,7 +16,7 @@ from worlds.shortest_path import shortest_path_length
 from worlds.world import Box, Cylinder, Obstacle, RandomWalk, SocialForce
 
 NAMES = sorted(WORLDS)
-MOVERS = {"factory": 40, "square": 24, "double_branch": 8, "building": 20, "static": 0, "dynamic": 20}
+MOVERS = {"factory": 40, "square": 24, "double_branch": 8, "building": 20, "static": 0, "dynamic": 20, "crossing": 20}
 SPEEDS = {
     "factory": (0.2, 0.8),
     "square": (0.2, 2.0),
