@@ -48,14 +48,20 @@ class SceneArguments(DialArguments):
 
 
 @dataclass(frozen=True)
-class DriverArguments:
-    """The robot, the method that drives it, and what is changed of the method."""
+class RobotArguments:
+    """The robot, and the method that drives it."""
 
     robot: str = "tiago"
     """A robot's name (see vuca list robots)."""
     method: Annotated[str | None, _optional("NAME")] = None
     """A method's name; vuca list methods shows them and which one is the default. module:build is a factory of your own
     (docs/methods.md)."""
+
+
+@dataclass(frozen=True)
+class OptionArguments:
+    """What is changed of a method."""
+
     trust: bool = False
     """Run the Python of a method of your own, module:build."""
     policy: Annotated[Path | None, _optional("FILE.safetensors")] = None
@@ -71,6 +77,11 @@ class DriverArguments:
     critic)."""
     gamma: Annotated[float | None, _optional("G")] = None
     """Weight of V^h: extra way [m] that is worth it if it surely spares meeting a mover; for a method with V^h."""
+
+
+@dataclass(frozen=True)
+class DriverArguments(OptionArguments, RobotArguments):
+    """The robot, the method that drives it, and what is changed of the method."""
 
 
 @dataclass(frozen=True)
@@ -103,15 +114,21 @@ class ListArguments:
 
 
 @dataclass(frozen=True, kw_only=True)
-class EvalArguments(DriverArguments, DialArguments):
+class EvalArguments(OptionArguments, DialArguments):
     """Run a suite of episodes on all cores; run it again, and it goes on where it was."""
 
     suite: tyro.conf.Positional[str]
     """A suite's name (see vuca list suites)."""
     out: Path
     """Directory of the results."""
+    robot: Annotated[str | None, _optional("NAME,...")] = None
+    """Robots, instead of the suite's own (see vuca list robots)."""
+    method: Annotated[str | None, _optional("NAME,...")] = None
+    """Methods, instead of the suite's own (see vuca list methods), or module:build of your own (docs/methods.md). An
+    option below goes to those that take it."""
     episodes: Annotated[int | None, _optional("N")] = None
-    """Only the first N episodes."""
+    """Only the first N episodes, of all robots, methods and tasks together: the first seed of each comes before the
+    second. --seeds A:B runs B - A of each."""
     seeds: Annotated[str | None, _optional("A:B")] = None
     """The seeds A to B - 1 instead of the suite's own."""
     workers: Annotated[int | None, _optional("W")] = None
@@ -122,10 +139,13 @@ class EvalArguments(DriverArguments, DialArguments):
 
 @dataclass(frozen=True)
 class CompareArguments:
-    """Compare evaluations in the episodes that they share: paired differences of each outcome."""
+    """Compare methods in the episodes that they share: paired differences of each outcome."""
 
     folders: tyro.conf.Positional[tuple[Path, ...]]
-    """Directories of vuca eval, complete or not; each is compared with the first."""
+    """Directories of vuca eval, complete or not, or files of kept rows; each method in them is compared with the
+    first."""
+    against: Annotated[str | None, _optional("NAME")] = None
+    """Compare with this method or directory instead of the first; named as in the tables."""
     seeds: Annotated[str | None, _optional("A:B")] = None
     """Only the seeds A to B - 1."""
     json: bool = False
@@ -137,9 +157,12 @@ class ReportArguments:
     """Write a Markdown page for each evaluation, and an index with their paired differences."""
 
     folders: tyro.conf.Positional[tuple[Path, ...]]
-    """Directories of vuca eval, complete or not; their names name the pages."""
+    """Directories of vuca eval, complete or not, or files of kept rows; their names name the pages."""
     out: Path
     """Directory of the pages, as docs/results; pages of the same names are written over."""
+    rows: bool = False
+    """Keep the rows in OUT/rows as well, a compressed file for each suite, robot and method; going on with an
+    evaluation adds to them."""
     json: bool = False
     """End with one JSON object on stdout, the files written."""
 

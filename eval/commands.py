@@ -17,12 +17,13 @@ from eval.arguments import (
     ExplainArguments,
     HeatmapArguments,
     ListArguments,
+    OptionArguments,
     ReportArguments,
     RunArguments,
     SceneArguments,
 )
 from vuca_nav.cli import parse, show
-from vuca_nav.errors import BadArgument
+from vuca_nav.errors import BadArgument, UnknownName
 from vuca_nav.files import prepare_file
 from vuca_nav.provenance import commit, machine, usable_cores
 
@@ -79,19 +80,21 @@ def eval_(argv: list[str]) -> int:
         raise BadArgument(f"--workers must be 1 or more, got {arguments.workers}")
     from eval.analysis.summary import table
     from eval.evaluate import evaluate
-    from eval.methods import BEST, identity_of, resolve
-    from eval.suites import episodes_of, find_suite, parse_seeds, turn_dials
+    from eval.methods import identity_of, resolve
+    from eval.suites import choose, episodes_of, find_suite, parse_seeds, turn_dials
 
+    methods, robots = _listed("--method", arguments.method), _listed("--robot", arguments.robot)
+    for method in methods or ():
+        _check_trust(method, arguments)
     suite = turn_dials(find_suite(arguments.suite), **arguments.dials())
+    suite = choose(suite, methods, robots, _options(arguments))
     seeds = suite.seeds if arguments.seeds is None else parse_seeds(arguments.seeds)
-    robot, method, options = arguments.robot, _method(arguments, BEST), _options(arguments)
-    configs = episodes_of(suite, robot=robot, method=method, seeds=seeds, limit=arguments.episodes, options=options)
+    configs = episodes_of(suite, seeds=seeds, limit=arguments.episodes)
     identity = {
         "suite": arguments.suite,
-        "robot": robot,
-        "method": method,
-        "options": options.given(),
-        "configuration": identity_of(resolve(method, options)),
+        "robots": list(suite.robots),
+        "methods": [str(driver) for driver in suite.drivers],
+        "configurations": {str(driver): identity_of(resolve(*driver)) for driver in suite.drivers},
         "seeds": [seeds.start, seeds.stop],
         "episodes": len(configs),
         "tasks": [asdict(task) for task in suite.tasks],
@@ -108,20 +111,23 @@ def eval_(argv: list[str]) -> int:
 
 
 def compare(argv: list[str]) -> int:
-    """Compare evaluations in the episodes that they share: paired differences of each outcome."""
+    """Compare methods in the episodes that they share: paired differences of each outcome."""
     arguments = parse(CompareArguments, "compare", argv)
-    from eval.analysis.compare import compare, read_episodes, table
+    from eval.analysis.compare import compare, read_methods, table
     from eval.suites import parse_seeds
 
-    if len(arguments.folders) < 2:
-        raise BadArgument(f"give two or more evaluations to compare, got {len(arguments.folders)}")
     seeds = None if arguments.seeds is None else parse_seeds(arguments.seeds)
-    first, *others = [(folder.name, read_episodes(folder, seeds)) for folder in arguments.folders]
-    found = {name: compare(first[1], episodes) for name, episodes in others}
+    episodes = read_methods(arguments.folders, seeds)
+    if len(episodes) < 2:
+        raise BadArgument(f"give evaluations of two or more methods to compare, got {', '.join(episodes) or 'none'}")
+    against = arguments.against or next(iter(episodes))
+    if against not in episodes:
+        raise UnknownName("method to compare with", against, episodes)
+    found = {name: compare(episodes[against], rows) for name, rows in episodes.items() if name != against}
     for name, differences in found.items():
-        show(f"{table(name, first[0], differences)}\n")
+        show(f"{table(name, against, differences)}\n")
     rows = {name: {task: row._asdict() for task, row in tasks.items()} for name, tasks in found.items()}
-    _print_json({"against": first[0], "differences": rows}, arguments.json)
+    _print_json({"against": against, "differences": rows}, arguments.json)
     return 0
 
 
@@ -129,11 +135,16 @@ def report(argv: list[str]) -> int:
     """Write a Markdown page for each evaluation, and an index with their paired differences."""
     arguments = parse(ReportArguments, "report", argv)
     from eval.analysis.report import write_reports
+    from eval.kept import keep_rows
 
     if not arguments.folders:
         raise BadArgument("give one or more directories of vuca eval")
     written = write_reports(arguments.folders, arguments.out)
     show(f"{len(written)} pages: {written[0]}")
+    if arguments.rows:
+        kept = keep_rows(arguments.folders, arguments.out / "rows")
+        show(f"{len(kept)} files of rows: {arguments.out / 'rows'}")
+        written += kept
     _print_json({"files": [str(path) for path in written]}, arguments.json)
     return 0
 
@@ -205,16 +216,29 @@ def _episode(arguments: EpisodeArguments, default: str) -> EpisodeConfig:
 
 
 def _method(arguments: DriverArguments, default: str) -> str:
-    """The method that is asked for; one of the user's own only under --trust, since it runs any Python."""
-    from eval.methods import is_users_own
-
+    """The method that is asked for."""
     method = arguments.method or default
-    if is_users_own(method) and not arguments.trust:
-        raise BadArgument(f"--method {method} runs Python code of your own; add --trust if you trust it")
+    _check_trust(method, arguments)
     return method
 
 
-def _options(arguments: DriverArguments) -> MethodOptions:
+def _check_trust(method: str, arguments: OptionArguments) -> None:
+    """Refuse a method of the user's own without --trust, since it runs any Python."""
+    from eval.methods import is_users_own
+
+    if is_users_own(method) and not arguments.trust:
+        raise BadArgument(f"--method {method} runs Python code of your own; add --trust if you trust it")
+
+
+def _listed(flag: str, text: str | None) -> list[str] | None:
+    """Names with commas between them."""
+    names = None if text is None else text.split(",")
+    if names is not None and not all(names):
+        raise BadArgument(f"{flag} {text}: names with commas between them would be right, as in A,B")
+    return names
+
+
+def _options(arguments: OptionArguments) -> MethodOptions:
     """The changes to the method that the arguments ask for."""
     from eval.methods import MethodOptions
 

@@ -10,7 +10,8 @@ from tqdm import tqdm
 
 from eval.analysis.summary import is_result, statistics_of, summarise
 from eval.episode import EpisodeConfig
-from eval.provenance import provenance
+from eval.methods import title_of
+from eval.provenance import bits_of, driver_of, made_with, provenance
 from eval.runner import Crash, RunEpisode, key_of, run_episodes, run_one
 from eval.store import ResultStore, Row
 from vuca_nav.errors import BadArgument
@@ -43,8 +44,9 @@ def evaluate(
     """Run those episodes that ``out`` does not hold yet, then summarise all of them.
 
     Args:
-        identity: Identity of the evaluation, for its ``config.json``; another one cannot continue it.
-        configs: Its episodes, one or more, of one robot and one method.
+        identity: Identity of the evaluation, for its ``config.json``; another one cannot continue it. Its
+            ``configurations`` are those of the methods, by their titles.
+        configs: Its episodes, one or more.
         out: The directory of the results.
         workers: Number of processes.
         command: The command as typed, noted with the machine if there are episodes to run.
@@ -55,7 +57,8 @@ def evaluate(
     """
     asked = [config.row() for config in configs]
     place = {key_of(row): i for i, row in enumerate(asked)}
-    made_by = provenance(configs[0])
+    made_by = provenance(configs)
+    bits = _bits(identity, made_by, configs)
     crashes: list[Crash] = []
     with ResultStore(out, identity, made_by) as store:
         done: set[str] = set()
@@ -71,7 +74,7 @@ def evaluate(
             print(f"{len(done)} of {len(configs)} episodes are there already", file=sys.stderr)
         if todo:
             began = datetime.now(UTC).isoformat(timespec="seconds")
-            run: Row = {"began": began, "command": command, "machine": machine()}
+            run: Row = {"began": began, "command": command, "machine": machine(), **made_with()}
             reason = find_commit().reason
             if reason is not None:
                 run["commit_not_known"] = reason
@@ -85,8 +88,8 @@ def evaluate(
                         crashes.append(result)
                         bar.write(f"crashed: {result.config}\n{result.trace}", file=sys.stderr)
                     else:
-                        store.append(result)
-                    bar.set_postfix_str(_outcomes(store.rows), refresh=False)
+                        store.append({**result, "bits": bits[key_of(result)]})
+                    bar.set_postfix_str(_arrived(store.rows), refresh=False)
                     bar.update()
             except KeyboardInterrupt:
                 bar.close()
@@ -100,6 +103,25 @@ def evaluate(
     return Evaluation(tuple(rows), groups, total, tuple(crashes))
 
 
-def _outcomes(rows: Sequence[Row]) -> str:
-    arrived = sum(row["outcome"] == "success" for row in rows)
-    return f"{arrived}/{len(rows)} arrived"
+def _bits(identity: Row, made_by: Row, configs: Sequence[EpisodeConfig]) -> dict[str, str]:
+    """Hash of what decides on the bits of each episode, by its key."""
+    configurations = identity.get("configurations", {})
+    by_driver: dict[str, str] = {}
+    hashes: dict[str, str] = {}
+    for config in configs:
+        driver = driver_of(config)
+        if driver not in by_driver:
+            configuration = configurations.get(title_of(config.method, config.options.given()), {})
+            by_driver[driver] = bits_of(made_by, driver, configuration)
+        hashes[key_of(config.row())] = by_driver[driver]
+    return hashes
+
+
+def _arrived(rows: Sequence[Row]) -> str:
+    """Missions that arrived, by method."""
+    counts: dict[str, list[int]] = {}
+    for row in rows:
+        count = counts.setdefault(title_of(row["method"], row), [0, 0])
+        count[0] += row["outcome"] == "success"
+        count[1] += 1
+    return "arrived: " + ", ".join(f"{title} {arrived}/{n}" for title, (arrived, n) in counts.items())

@@ -7,7 +7,7 @@ named ``module:build``.
 
 import hashlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -203,6 +203,23 @@ def resolve(name: str, options: MethodOptions = UNCHANGED) -> AnyConfig:
     if given.keys() & {"policy", "gate", "without_expert", "critic"}:
         _check_files(config, given)
     return config
+
+
+def taken_by(name: str, options: Iterable[str]) -> set[str]:
+    """Those of some options, by name, that go with a method.
+
+    Args:
+        name: Name of a method, or ``module:build``, which takes none.
+        options: Names of fields of ``MethodOptions``.
+
+    Raises:
+        UnknownName: There is no such method.
+    """
+    if is_users_own(name):
+        return set()
+    if name not in METHODS:
+        raise UnknownName("method", name, METHODS)
+    return {option for option in options if _LACKS[option].goes_with(METHODS[name].config)}
 
 
 def _check_files(config: MethodConfig, given: dict[str, Any]) -> None:

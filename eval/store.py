@@ -24,11 +24,11 @@ class StoredConfig(NamedTuple):
     """The content of ``config.json``."""
 
     config: Row
-    """Suite, robot, method and episodes that are run."""
+    """Suite, robots, methods and episodes that are run."""
     made_by: Row
-    """Versions, commit and settings of the code that runs it."""
+    """What decides on the bits of its rows: code, libraries, settings."""
     runs: list[Row]
-    """Each run of the command: ``began``, ``command``, ``machine``."""
+    """Each run of the command: ``began``, ``command``, ``machine``, ``commit``."""
 
 
 def read_config(directory: Path) -> StoredConfig:
@@ -38,8 +38,17 @@ def read_config(directory: Path) -> StoredConfig:
         BadArgument: The file is missing, or is not the configuration of an evaluation.
     """
     path = directory / "config.json"
-    wrong = f"{path} is not the configuration of an evaluation"
-    stored = parse_json(read_text(path, BadArgument), wrong, BadArgument)
+    return parse_config(read_text(path, BadArgument), str(path))
+
+
+def parse_config(text: str, source: str) -> StoredConfig:
+    """The configuration of an evaluation, from the text of ``config.json``.
+
+    Raises:
+        BadArgument: The text is not the configuration of an evaluation.
+    """
+    wrong = f"{source} is not the configuration of an evaluation"
+    stored = parse_json(text, wrong, BadArgument)
     parts = stored if isinstance(stored, dict) else {}
     config, made_by, runs = parts.get("config"), parts.get("made_by"), parts.get("runs", [])
     if not (isinstance(config, dict) and isinstance(made_by, dict) and isinstance(runs, list)):
@@ -56,7 +65,8 @@ class ResultStore:
     Args:
         directory: Made if it does not exist; locked while the store is open.
         config: The evaluation. A directory that holds another configuration is refused.
-        made_by: Versions, commit and settings of the code that runs it. A directory that other code began is refused.
+        made_by: What decides on the bits of its rows: code, libraries, settings. A directory that other code began is
+            refused.
 
     Raises:
         BadArgument: The directory cannot be written, belongs to another evaluation or is in use, or its rows
@@ -117,7 +127,7 @@ class ResultStore:
         """Add a run to those noted in ``config.json``: an evaluation may be gone on with, on another machine too.
 
         Args:
-            run: When it began, its command and its machine.
+            run: When it began, its command, its machine and the commit of the code.
         """
         path = self.directory / "config.json"
         stored = json.loads(path.read_text())

@@ -1,10 +1,11 @@
-"""Named sets of episodes."""
+"""Named sets of episodes: tasks, seeds, and in some suites the robots and methods that meet them."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
+from typing import NamedTuple
 
 from eval.episode import EpisodeConfig
-from eval.methods import BEST, UNCHANGED, MethodOptions, resolve
+from eval.methods import BEST, UNCHANGED, UNIFORM, MethodOptions, resolve, taken_by, title_of
 from robots.registry import ROBOTS
 from vuca_nav.errors import BadArgument, UnknownName
 from worlds.registry import TRAINING_SEED, check_options
@@ -24,19 +25,109 @@ class Task:
     """Share of the movers that see the robot; None: as the world has it."""
 
 
+class Driver(NamedTuple):
+    """A method and what is changed of it."""
+
+    method: str
+    options: MethodOptions = UNCHANGED
+
+    def __str__(self) -> str:
+        """The method as it is typed, with its options."""
+        return title_of(self.method, self.options.given())
+
+
 @dataclass(frozen=True, slots=True)
 class Suite:
-    """A set of tasks, each to be run with every seed."""
+    """A set of cells, a robot, a method and a task each, to be run with every seed."""
 
     description: str
     tasks: tuple[Task, ...]
     seeds: range
     """Seeds of the episodes, unless others are asked for."""
+    drivers: tuple[Driver, ...] = (Driver(BEST),)
+    """Methods, unless others are asked for."""
+    robots: tuple[str, ...] = ("tiago",)
+    """Names of the robots, unless others are asked for."""
 
 
 REGIONS = (1, 2, 3, 4)
+BOTH = ("tiago", "go2")
+FACTORY_4, SQUARE = Task("factory", 4), Task("square")
+SYSTEMS = tuple(map(Driver, ("move_base", "move_base+dh", "drl", "paper-dh", "paper", "ours-dh", "ours")))
+"""The whole systems that the paper compares, and this project's own."""
+FRESH = 2000
+"""First seed of the suites that are reported: nothing was tuned on this one and those above it."""
 
 SUITES: dict[str, Suite] = {
+    "paper-system": Suite(
+        "the paper's comparison of systems: factory regions 1 to 4 and the square, 7 methods, both robots, 400 seeds",
+        (*(Task("factory", region) for region in REGIONS), SQUARE),
+        range(FRESH, FRESH + 400),
+        SYSTEMS,
+        BOTH,
+    ),
+    "paper-ablation": Suite(
+        "the paper's comparison of policies: factory region 4, square, static, dynamic; drl, both experts, single, "
+        "fusion; both robots, 400 seeds",
+        (FACTORY_4, SQUARE, Task("static"), Task("dynamic")),
+        range(FRESH, FRESH + 400),
+        tuple(map(Driver, ("drl", "go-straight", "obstacle-avoidance", "single", "fusion"))),
+        BOTH,
+    ),
+    "paper-branch": Suite(
+        "which of two ways is taken, the short one with 0, 4, 8 and 12 moving obstacles: with and without V^h, and "
+        "move_base; both robots, 100 seeds",
+        tuple(Task("double_branch", movers=movers) for movers in (0, 4, 8, 12)),
+        range(FRESH, FRESH + 100),
+        tuple(map(Driver, ("move_base", "paper-dh", "paper", "ours-dh", "ours"))),
+        BOTH,
+    ),
+    "paper-gate": Suite(
+        "what the gate is good for: fusion with its gate, with equal shares, and without each expert; factory region "
+        "4, square, static, dynamic; both robots, 100 seeds",
+        (FACTORY_4, SQUARE, Task("static"), Task("dynamic")),
+        range(FRESH, FRESH + 100),
+        (
+            Driver("fusion"),
+            Driver("fusion", MethodOptions(gate=UNIFORM)),
+            *(Driver("fusion", MethodOptions(without_expert=expert)) for expert in (1, 2, 3, 4)),
+        ),
+        BOTH,
+    ),
+    "building": Suite(
+        "the building and its crowd, in place of the paper's real one: ours and ours-dh, both robots, 100 seeds",
+        (Task("building"),),
+        range(FRESH, FRESH + 100),
+        (Driver("ours-dh"), Driver("ours")),
+        BOTH,
+    ),
+    "vuca": Suite(
+        "factory region 2 with all of V, U, C and A, and without each: 7 methods, both robots, 100 seeds",
+        tuple(Task("factory", 2, without) for without in ("", "V", "U", "C", "A")),
+        range(FRESH, FRESH + 100),
+        SYSTEMS,
+        BOTH,
+    ),
+    "dials": Suite(
+        "the square over the number, the speed and the sight of its moving obstacles: move_base+dh, paper-dh, ours-dh, "
+        "ours; both robots, 100 seeds",
+        (
+            *(Task("square", movers=movers) for movers in (8, 16, 24, 40)),
+            *(Task("square", speed=speed) for speed in (0.5, 1.0, 1.5, 2.0)),
+            *(Task("square", sighted=share) for share in (0.0, 0.5, 1.0)),
+        ),
+        range(FRESH, FRESH + 100),
+        tuple(map(Driver, ("move_base+dh", "paper-dh", "ours-dh", "ours"))),
+        BOTH,
+    ),
+    "crowdnav": Suite(
+        "open ground crossed by 20 movers that do not see the robot, as in CrowdNav++: 7 methods, both robots, "
+        "500 seeds",
+        (Task("crossing"),),
+        range(FRESH, FRESH + 500),
+        SYSTEMS,
+        BOTH,
+    ),
     "factory": Suite(
         "the factory's regions 1 to 4, all difficulties, 25 seeds each",
         tuple(Task("factory", region) for region in REGIONS),
@@ -118,37 +209,66 @@ def parse_seeds(text: str) -> range:
     return range(int(first), int(end))
 
 
-def episodes_of(
+def choose(
     suite: Suite,
-    *,
-    robot: str = "tiago",
-    method: str = BEST,
-    seeds: Iterable[int] | None = None,
-    limit: int | None = None,
+    methods: Sequence[str] | None = None,
+    robots: Sequence[str] | None = None,
     options: MethodOptions = UNCHANGED,
+) -> Suite:
+    """The suite with other methods and robots, or those of its own that are asked for.
+
+    Args:
+        suite: The suite to change.
+        methods: Names of methods instead of the suite's own; one that the suite has with options keeps them.
+        robots: Names of robots instead of the suite's own.
+        options: Changes to the methods. Of several methods each gets those that go with it.
+
+    Raises:
+        VucaError: There is no such robot, method or weights file, or an option goes with none of the methods.
+    """
+    drivers = suite.drivers
+    if methods is not None:
+        own = {name: [driver for driver in suite.drivers if driver.method == name] for name in methods}
+        drivers = tuple(driver for name in dict.fromkeys(methods) for driver in own[name] or [Driver(name)])
+    given = options.given()
+    if given:
+        taken = [taken_by(driver.method, given) for driver in drivers]
+        lost = {name: value for name, value in given.items() if not any(name in names for names in taken)}
+        if lost:
+            resolve(drivers[0].method, MethodOptions(**lost))  # tells what they would go with
+        drivers = tuple(
+            driver._replace(options=replace(driver.options, **{name: given[name] for name in names}))
+            for driver, names in zip(drivers, taken, strict=True)
+        )
+    robots = suite.robots if robots is None else tuple(dict.fromkeys(robots))
+    for robot in robots:
+        if robot not in ROBOTS:
+            raise UnknownName("robot", robot, ROBOTS)
+    for driver in drivers:
+        resolve(*driver)
+    return replace(suite, drivers=tuple(dict.fromkeys(drivers)), robots=robots)
+
+
+def episodes_of(
+    suite: Suite, *, seeds: Iterable[int] | None = None, limit: int | None = None
 ) -> tuple[EpisodeConfig, ...]:
-    """All episodes of a suite, the first seed of every task before the second.
+    """All episodes of a suite, the first seed of every cell before the second.
 
     Args:
         suite: The suite to run.
-        robot: A robot's name.
-        method: A method's name.
         seeds: Seeds instead of the suite's own.
         limit: Greatest number of episodes, the first ones.
-        options: Changes to the method.
 
     Raises:
-        VucaError: There is no such robot, method or weights file, an option does not go with the method, or the limit
-            is not positive.
+        BadArgument: The limit is not positive.
     """
-    if robot not in ROBOTS:
-        raise UnknownName("robot", robot, ROBOTS)
-    resolve(method, options)
     if limit is not None and limit < 1:
         raise BadArgument(f"--episodes must be 1 or more, got {limit}")
     every = tuple(
-        EpisodeConfig(**asdict(task), robot=robot, method=method, seed=seed, options=options)
+        EpisodeConfig(**asdict(task), robot=robot, method=driver.method, seed=seed, options=driver.options)
         for seed in (suite.seeds if seeds is None else seeds)
         for task in suite.tasks
+        for robot in suite.robots
+        for driver in suite.drivers
     )
     return every[:limit]

@@ -1,11 +1,13 @@
-"""Comparison of evaluations in the same episodes: ``vuca compare FIRST SECOND...``.
+"""Comparison of methods in the same episodes: ``vuca compare DIR...``.
 
-The directories are those of ``vuca eval``. An episode is the same for all methods that meet it, so that differences are
-taken in pairs; episodes that only one of two evaluations has yet are left out. Episodes of one seed in several tasks,
-as with 8 and with 40 movers, are one observation of ``all`` (``eval.analysis.statistics.paired_difference``).
+The directories are those of ``vuca eval``, or files of kept rows. An episode is the same for all methods that meet it,
+so that differences are taken in pairs; episodes that only one of two methods has yet are left out. Episodes of one seed
+in several tasks, as with 8 and with 40 movers, are one observation of ``all``
+(``eval.analysis.statistics.paired_difference``).
 """
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,31 +17,65 @@ from eval.analysis.statistics import mcnemar_exact, paired_difference
 from eval.analysis.summary import dials_in_words
 from eval.checked import ROW_KINDS, check_values
 from eval.episode import OUTCOMES
+from eval.kept import name_of, read_lines
+from eval.methods import title_of
 from eval.store import Row
-from vuca_nav.data_files import parse_json, read_text, shown
+from vuca_nav.data_files import parse_json, shown
 from vuca_nav.errors import BadArgument
 
 EPISODE = ("world", "region", "movers", "speed", "sighted", "without", "robot", "start", "goal", "seed")
 """The fields of a row that make two rows the same episode."""
 _ADDED_LATER = {"speed": 1.0, "sighted": None}
 """Fields that older evaluations do not have, and what they mean by that."""
-MOST_ROWS = 2**30
-"""Greatest size of the rows of an evaluation [bytes]: those of half a million episodes."""
 
 
-def read_episodes(folder: Path, seeds: range | None = None) -> dict[str, Row]:
-    """Read the episodes of an evaluation, keyed by their identity.
+def read_methods(sources: Sequence[Path], seeds: range | None = None) -> dict[str, dict[str, Row]]:
+    """Read the episodes of evaluations, method by method, each keyed by the identity of their episode.
 
     Args:
-        folder: Directory of the evaluation, which need not be complete.
+        sources: Directories of evaluations, which need not be complete, or files of kept rows.
+        seeds: Seeds of the episodes to read; by default all.
+
+    Returns:
+        The episodes by name: that of the evaluation if it is of one method, else the method's, after the evaluation's
+        if there are several.
+
+    Raises:
+        BadArgument: An evaluation has no episodes, they cannot be read, or two have one name.
+    """
+    methods: dict[str, dict[str, Row]] = {}
+    for source in sources:
+        found = by_method(read_rows(source, seeds))
+        for title, episodes in found.items():
+            names = [name_of(source)] * (len(sources) > 1 or len(found) == 1) + [title] * (len(found) > 1)
+            name = ": ".join(names)
+            if name in methods:
+                raise BadArgument(f"two evaluations are named {name}; rename one of them")
+            methods[name] = episodes
+    return methods
+
+
+def by_method(rows: Sequence[Row]) -> dict[str, dict[str, Row]]:
+    """Rows by the title of their method, then by the identity of their episode."""
+    found: dict[str, dict[str, Row]] = {}
+    for row in rows:
+        episode = json.dumps([row[key] for key in EPISODE])
+        found.setdefault(title_of(str(row.get("method")), row), {})[episode] = row
+    return found
+
+
+def read_rows(source: Path, seeds: range | None = None) -> list[Row]:
+    """Read the rows of an evaluation.
+
+    Args:
+        source: Its directory, which need not be complete, or a file of kept rows.
         seeds: Seeds of the episodes to read; by default all.
 
     Raises:
         BadArgument: There are none, or they cannot be read.
     """
-    path = folder / "episodes.jsonl"
-    wrong = f"{path} is not a list of episodes"
-    lines = read_text(path, BadArgument, MOST_ROWS).splitlines()
+    place, lines = read_lines(source)
+    wrong = f"{place} is not a list of episodes"
     rows: list[Row] = []
     for number, line in enumerate(lines, start=1):
         parsed = parse_json(line, f"{wrong}: line {number}", BadArgument)
@@ -50,10 +86,9 @@ def read_episodes(folder: Path, seeds: range | None = None) -> dict[str, Row]:
             raise BadArgument(f"{wrong}: line {number}: {', '.join(missing)} missing")
         if seeds is None or row["seed"] in seeds:
             rows.append(row)
-    episodes = {json.dumps([row[key] for key in EPISODE]): row for row in rows}
-    if not episodes:
-        raise BadArgument(f"{path} has no episodes{'' if seeds is None else ' of these seeds'}")
-    return episodes
+    if not rows:
+        raise BadArgument(f"{place} has no episodes{'' if seeds is None else ' of these seeds'}")
+    return rows
 
 
 class Differences(NamedTuple):
@@ -73,8 +108,8 @@ def compare(first: dict[str, Row], second: dict[str, Row]) -> dict[str, Differen
     """Paired differences, second less first.
 
     Args:
-        first: Result of ``read_episodes``.
-        second: Result of ``read_episodes`` for another evaluation.
+        first: Episodes of a method, as ``read_methods`` gives them.
+        second: Episodes of another one.
 
     Returns:
         The differences in each task, and in ``all`` of them if there are several.

@@ -5,23 +5,22 @@ hold the same episodes, pair by pair. The same directories give the same bytes.
 """
 
 import itertools
-import shlex
 from collections.abc import Iterable, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from eval.analysis.compare import compare, read_episodes, table
+from eval.analysis.compare import by_method, compare, read_rows, table
 from eval.analysis.summary import dials_in_words, is_result, statistics_of, summarise
 from eval.episode import OUTCOMES
+from eval.kept import name_of, read_stored, told_command
 from eval.methods import title_of
-from eval.store import Row, StoredConfig, read_config
+from eval.store import Row, StoredConfig
 from vuca_nav.data_files import shown
 from vuca_nav.errors import BadArgument
 from vuca_nav.files import prepare_directory, write_whole
 
 INDEX = "index"
-LIBRARIES = ("vuca-nav", "mujoco", "numpy", "numba", "scipy")
+LIBRARIES = ("mujoco", "numpy", "numba", "scipy")
 """The libraries whose versions a page names, as ``eval.provenance.provenance`` records them."""
 
 
@@ -31,28 +30,30 @@ class Evaluation(NamedTuple):
     name: str
     """Name of the directory."""
     stored: StoredConfig
-    episodes: dict[str, Row]
-    """Rows, keyed by the identity of their episode."""
+    rows: list[Row]
 
     @property
-    def method(self) -> str:
-        """The method as it is typed, options included."""
-        return title_of(str(self.stored.config.get("method")), self.stored.config.get("options") or {})
+    def methods(self) -> str:
+        """The methods as they are typed, options included."""
+        return ", ".join(f"`{title}`" for title in _unique(title_of(row["method"], row) for row in self.rows))
+
+    @property
+    def robots(self) -> str:
+        """The names of the robots."""
+        return ", ".join(_unique(row["robot"] for row in self.rows))
 
 
-def read_evaluation(directory: Path) -> Evaluation:
-    """Read the directory of an evaluation, complete or not.
+def read_evaluation(source: Path) -> Evaluation:
+    """Read the directory of an evaluation, complete or not, or a file of kept rows.
 
     Raises:
-        BadArgument: The directory is no evaluation.
+        BadArgument: It is no evaluation.
     """
-    stored, episodes = read_config(directory), read_episodes(directory)
-    for row in episodes.values():
+    stored, rows = read_stored(source), read_rows(source)
+    for row in rows:
         if not is_result(row):
-            raise BadArgument(
-                f"{directory / 'episodes.jsonl'} has a row that is not the result of an episode: {shown(row, 500)}"
-            )
-    return Evaluation(directory.resolve().name, stored, episodes)
+            raise BadArgument(f"{source} has a row that is not the result of an episode: {shown(row, 500)}")
+    return Evaluation(name_of(source), stored, rows)
 
 
 def write_reports(directories: Sequence[Path], out: Path) -> list[Path]:
@@ -82,7 +83,7 @@ def write_reports(directories: Sequence[Path], out: Path) -> list[Path]:
 
 def page_of(evaluation: Evaluation) -> str:
     """The page of an evaluation: the run and its results."""
-    rows = list(evaluation.episodes.values())
+    rows = evaluation.rows
     lines = [
         f"# {evaluation.name}",
         "",
@@ -90,7 +91,7 @@ def page_of(evaluation: Evaluation) -> str:
         "",
         "## Outcomes",
         "",
-        *_outcomes(rows, evaluation.method),
+        *_outcomes(rows),
     ]
     ways = _ways(rows)
     if ways:
@@ -108,16 +109,19 @@ def index_of(evaluations: Sequence[Evaluation]) -> str:
     ]
     cells = []
     for evaluation in evaluations:
-        total = statistics_of(list(evaluation.episodes.values()))
-        suite, robot = evaluation.stored.config.get("suite"), evaluation.stored.config.get("robot")
-        link = f"[{evaluation.name}]({evaluation.name}.md)"
-        cells.append([link, suite, robot, f"`{evaluation.method}`", total["n"], _rate(total["success"])])
+        total = statistics_of(evaluation.rows)
+        suite, link = evaluation.stored.config.get("suite"), f"[{evaluation.name}]({evaluation.name}.md)"
+        cells.append([link, suite, evaluation.robots, evaluation.methods, total["n"], _rate(total["success"])])
     lines += _table(("evaluation", "suite", "robot", "method", "episodes", "success, 95%"), cells)
-    for first, second in itertools.combinations(evaluations, 2):
-        if first.episodes.keys() & second.episodes.keys():
-            differences = compare(first.episodes, second.episodes)
-            lines += ["", f"## {second.name} against {first.name}", ""]
-            lines += [table(second.name, first.name, differences)]
+    methods = {
+        evaluation.name + (f", {title}" if len(found) > 1 else ""): episodes
+        for evaluation in evaluations
+        for found in [by_method(evaluation.rows)]
+        for title, episodes in found.items()
+    }
+    for (first, before), (second, after) in itertools.combinations(methods.items(), 2):
+        if before.keys() & after.keys():
+            lines += ["", f"## {second} against {first}", "", table(second, first, compare(before, after))]
     return _text(lines)
 
 
@@ -125,31 +129,22 @@ def _what_was_run(evaluation: Evaluation) -> list[str]:
     config, made_by, runs = evaluation.stored
     seeds, asked = config.get("seeds"), config.get("episodes")
     began = sorted(str(run.get("began")) for run in runs)
-    commands, machines = (_unique(tell(run) for run in runs) for tell in (partial(_command, evaluation.name), _machine))
+    commands = _unique(f"`{told}`" if (told := told_command(evaluation.name, run)) else "unknown" for run in runs)
+    machines, commits = _unique(map(_machine, runs)), _unique(str(run.get("commit") or "unknown") for run in runs)
     facts: list[tuple[str, Any]] = [("command", command) for command in commands]
+    facts += [("commit", commit) for commit in commits]
     facts += [
-        ("commit", made_by.get("commit") or "unknown"),
         ("suite", config.get("suite")),
         ("seeds", " to ".join(_unique([str(seeds[0]), str(seeds[1] - 1)])) if seeds else "unknown"),
-        ("episodes", f"{len(evaluation.episodes)} of {asked}"),
-        ("robot", config.get("robot")),
-        ("method", f"`{evaluation.method}`"),
+        ("episodes", f"{len(evaluation.rows)} of {asked}"),
+        ("robot", evaluation.robots),
+        ("method", evaluation.methods),
     ]
     facts += [("machine", machine) for machine in machines]
-    facts += [("libraries", ", ".join(f"{name} {made_by[name]}" for name in LIBRARIES if name in made_by))]
+    libraries = made_by.get("libraries") or {}
+    facts += [("libraries", ", ".join(f"{name} {libraries[name]}" for name in LIBRARIES if name in libraries))]
     facts += [("date", " to ".join(_unique([began[0][:10], began[-1][:10]])))] if began else []
     return _table(("", ""), facts)
-
-
-def _command(name: str, run: Row) -> str:
-    """The command, its directory of results named without the place where that lies on one machine."""
-    words = shlex.split(str(run.get("command") or ""))
-    for k, word in enumerate(words):
-        if word == "--out" and k + 1 < len(words):
-            words[k + 1] = f"runs/{name}"
-        elif word.startswith("--out="):
-            words[k] = f"--out=runs/{name}"
-    return f"`{shlex.join(words)}`" if words else "unknown"
 
 
 def _machine(run: Row) -> str:
@@ -158,9 +153,12 @@ def _machine(run: Row) -> str:
     return f"{cpu}, {cores} cores, {system}, Python {python}"
 
 
-def _outcomes(rows: Sequence[Row], method: str) -> list[str]:
+def _outcomes(rows: Sequence[Row]) -> list[str]:
     header = ("world", "robot", "method", "episodes", *OUTCOMES, "mean time [s]", "SPL", "way per collision [m]")
-    cells = [[_world(group), group["robot"], f"`{method}`", *_figures(group)] for group in summarise(rows)]
+    cells = [
+        [_world(group), group["robot"], f"`{title_of(group['method'], group)}`", *_figures(group)]
+        for group in summarise(rows)
+    ]
     if len(cells) > 1:
         cells.append(["all", "", "", *_figures(statistics_of(rows))])
     note = "Counts with Wilson's 95% intervals; the mean time is of the episodes that arrived."

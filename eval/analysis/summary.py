@@ -3,13 +3,16 @@
 import math
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import fields
 
 from eval.analysis.statistics import mean, wilson_interval
 from eval.checked import is_number
 from eval.episode import OUTCOMES
+from eval.methods import MethodOptions, title_of
 from eval.store import Row
 
-GROUP_BY = ("world", "region", "without", "movers", "speed", "sighted", "robot", "method")
+OPTIONS = tuple(field.name for field in fields(MethodOptions))
+GROUP_BY = ("world", "region", "without", "movers", "speed", "sighted", "robot", "method", *OPTIONS)
 MEANS = (
     "arriving_time",
     "path_length",
@@ -109,7 +112,8 @@ def _rate(outcome: Row) -> str:
 def _title(group: Row) -> str:
     region = "" if group["region"] is None else f" {group['region']}"
     without = f" without {group['without']}" if group["without"] else ""
-    return f"{group['world']}{region}{dials_in_words(group)}{without}, {group['robot']}, {group['method']}"
+    method = title_of(group["method"], group)
+    return f"{group['world']}{region}{dials_in_words(group)}{without}, {group['robot']}, {method}"
 
 
 def dials_in_words(row: Row) -> str:

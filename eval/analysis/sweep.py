@@ -52,7 +52,7 @@ def lines_of(groups: list[Row], show: str = "success", over: str = "movers") -> 
         share = _share(group, show)
         if group.get(over) is None or share["rate"] is None:
             continue
-        method = title_of(group["method"], group.get("options") or {})
+        method = title_of(group["method"], group)
         name = f"{group['world']}{dials_in_words({**group, over: None})}, {group['robot']}, {method}"
         lines.setdefault(name, []).append((group[over], share["rate"], *share["interval"]))
     return {name: sorted(points) for name, points in lines.items()}
@@ -76,8 +76,7 @@ def read_groups(folder: Path) -> list[Row]:
     """
     path = folder / "summary.json"
     try:
-        summary = read_json(path, BadArgument)
-        return [{**group, "options": summary.get("options")} for group in summary["groups"]]
+        return list(read_json(path, BadArgument)["groups"])
     except (BadArgument, KeyError, TypeError) as error:
         raise BadArgument(f"{folder} has not the summary of a complete evaluation: {error}") from error
 

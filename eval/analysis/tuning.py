@@ -186,7 +186,10 @@ def main(arguments: TuningArguments) -> None:
     for name, method in tuning.sets.items():
         print(f"{tuning.method}, {name}", file=sys.stderr)
         identity = {"tuning": arguments.name, "set": name, "robot": arguments.robot, "method": tuning.method}
-        identity |= {"configuration": identity_of(method), "seeds": [tuning.seeds.start, tuning.seeds.stop]}
+        identity |= {
+            "configurations": {tuning.method: identity_of(method)},
+            "seeds": [tuning.seeds.start, tuning.seeds.stop],
+        }
         folder = arguments.runs / f"{arguments.name}-{name.replace(' ', '-').replace(',', '')}"
         done = evaluate(identity, configs, folder, workers=workers, command=command, job=partial(run_with, method))
         for crash in done.crashes:

@@ -9,7 +9,7 @@ from eval.evaluate import evaluate
 from eval.methods import METHODS, ExplorerSettings, Method, MethodConfig, MethodOptions
 from eval.provenance import provenance
 from eval.runner import Crash, run_episodes
-from eval.suites import SUITES, episodes_of, find_suite, parse_seeds, turn_dials
+from eval.suites import BOTH, FRESH, SUITES, Driver, choose, episodes_of, find_suite, parse_seeds, turn_dials
 from tests.eval import jobs
 from train.arena.config import ArenaConfig
 from vuca_nav.errors import BadArgument, UnknownName
@@ -17,6 +17,7 @@ from vuca_nav.policy.dynamic_window import DynamicWindowConfig
 from vuca_nav.provenance import machine
 from vuca_nav.shield.futures import FuturesConfig
 from vuca_nav.shield.shield import ShieldConfig
+from worlds.registry import check_options
 
 CONFIGS = episodes_of(SUITES["smoke"], seeds=range(3))
 IDENTITY = {"suite": "smoke", "seeds": [0, 3]}
@@ -66,6 +67,27 @@ def test_dials_change_every_task_of_a_suite():
     assert (row["movers"], row["speed"], row["sighted"]) == (8, 1.5, 0.5)
     with pytest.raises(BadArgument, match="--speed 2 does not go with --without V"):
         turn_dials(SUITES["factory-still"], speed=2.0)
+
+
+def test_several_methods_share_a_folder(tmp_path):
+    suite = choose(SUITES["smoke"], ["dwa-dh", "ours"], ["tiago", "go2"], MethodOptions(gamma=2.0))
+    configs = episodes_of(suite, seeds=range(2))
+    evaluation = evaluate(IDENTITY, configs, tmp_path / "whole", workers=2, job=jobs.episode_by_hash)
+    assert [(group["robot"], group["method"], group["gamma"], group["n"]) for group in evaluation.groups[:4]] == [
+        ("go2", "dwa-dh", None, 2), ("go2", "ours", 2.0, 2), ("tiago", "dwa-dh", None, 2), ("tiago", "ours", 2.0, 2),
+    ]  # fmt: skip
+    hashes = {(row["robot"], row["method"]): row["bits"] for row in evaluation.rows}
+    assert len(set(hashes.values())) == 4
+    # Alone, or with other seeds, a method has the same hash: its rows go with these.
+    alone = episodes_of(choose(SUITES["smoke"], ["dwa-dh"]), seeds=range(5, 6))
+    (bits,) = {
+        row["bits"] for row in evaluate(IDENTITY, alone, tmp_path / "a", workers=1, job=jobs.episode_by_hash).rows
+    }
+    assert bits == hashes["tiago", "dwa-dh"]
+    lines = (tmp_path / "whole" / "episodes.jsonl").read_bytes().splitlines(keepends=True)
+    (tmp_path / "whole" / "episodes.jsonl").write_bytes(b"".join(lines[9:] + lines[2:6]) + lines[0][:30])
+    evaluate(IDENTITY, configs, tmp_path / "whole", workers=2, job=jobs.episode_by_hash)
+    assert (tmp_path / "whole" / "episodes.jsonl").read_bytes() == b"".join(lines)
 
 
 def test_nothing_is_run_twice(tmp_path):
@@ -178,11 +200,57 @@ def test_suites_have_the_promised_episodes():
     with pytest.raises(UnknownName, match="did you mean 'factory'"):
         find_suite("factori")
     with pytest.raises(UnknownName, match="unknown method"):
-        episodes_of(SUITES["smoke"], method="mind-reading")
+        choose(SUITES["smoke"], ["mind-reading"])
     with pytest.raises(UnknownName, match="unknown robot"):
-        episodes_of(SUITES["smoke"], robot="gp2")
+        choose(SUITES["smoke"], robots=["gp2"])
     with pytest.raises(BadArgument, match="--episodes"):
         episodes_of(SUITES["smoke"], limit=0)
+
+
+def test_a_suite_runs_every_method_and_robot_with_the_same_seeds():
+    suite = SUITES["paper-system"]
+    every = episodes_of(suite)
+    cells = {(c.robot, c.method, c.world, c.region) for c in every}
+    assert len(cells) == 2 * 7 * 5
+    assert len(every) == 400 * len(cells)
+    for k in range(0, len(every), len(cells)):  # the first seed of every cell before the second
+        part = every[k : k + len(cells)]
+        assert {(c.robot, c.method, c.world, c.region) for c in part} == cells
+        assert {c.seed for c in part} == {FRESH + k // len(cells)}
+
+
+def test_methods_and_robots_can_be_chosen():
+    suite = choose(SUITES["paper-system"], ["ours", "dwa-dh"], ["go2"])
+    assert suite.robots == ("go2",)
+    assert suite.drivers == (Driver("ours"), Driver("dwa-dh"))
+    gates = choose(SUITES["paper-gate"], ["fusion", "single"])
+    assert [str(driver) for driver in gates.drivers] == [
+        "fusion", "fusion --gate uniform", *(f"fusion --without-expert {k}" for k in (1, 2, 3, 4)), "single",
+    ]  # fmt: skip
+
+
+def test_an_option_goes_to_the_methods_that_take_it():
+    suite = choose(SUITES["paper-system"], options=MethodOptions(gamma=0.25, no_shield=True))
+    assert [str(driver) for driver in suite.drivers] == [
+        "move_base", "move_base+dh", "drl", "paper-dh", "paper --gamma 0.25", "ours-dh --no-shield",
+        "ours --no-shield --gamma 0.25",
+    ]  # fmt: skip
+    with pytest.raises(BadArgument, match=r"'move_base' has no gate .*; --gate goes with: .*fusion"):
+        choose(SUITES["paper-system"], ["move_base", "dwa-dh", "ours"][:2], options=MethodOptions(gate="uniform"))
+    with pytest.raises(BadArgument, match=r"'dwa-dh' has no V\^h"):
+        choose(SUITES["smoke"], ["dwa-dh"], options=MethodOptions(gamma=1.0))
+
+
+def test_suites_that_are_reported_have_seeds_of_their_own():
+    names = ("paper-system", "paper-ablation", "paper-branch", "paper-gate", "building", "vuca", "dials", "crowdnav")
+    for name in names:
+        assert SUITES[name].seeds.start == 2000
+        assert SUITES[name].robots == BOTH
+    others = [suite for name, suite in SUITES.items() if name not in names]
+    assert all(suite.seeds.stop <= 2000 for suite in others)
+    for suite in SUITES.values():
+        for task in suite.tasks:
+            check_options(**asdict(task))
 
 
 def test_seeds():
@@ -221,25 +289,31 @@ def test_a_row_that_is_not_of_this_evaluation_is_named(spoil, tmp_path):
 
 def test_other_code_does_not_go_on_with_our_rows(tmp_path, monkeypatch):
     evaluate(IDENTITY, CONFIGS[:2], tmp_path, workers=1, job=jobs.episode_by_hash)
-    ours = provenance(CONFIGS[0])
-    monkeypatch.setattr("eval.evaluate.provenance", lambda config: {**ours, "commit": "fedcba987654"})
-    with pytest.raises(BadArgument, match=r"begun with commit = .*, not \"fedcba987654\""):
+    monkeypatch.setattr("eval.evaluate.made_with", lambda: {"commit": "fedcba987654"})  # of a page, for example
+    evaluate(IDENTITY, CONFIGS[:2], tmp_path, workers=1, job=jobs.episode_by_hash)
+    monkeypatch.setattr("eval.provenance.code_digest", lambda: "fedcba987654")
+    with pytest.raises(BadArgument, match=r"begun with code = .*, not \"fedcba987654\""):
         evaluate(IDENTITY, CONFIGS[:2], tmp_path, workers=1, job=jobs.episode_by_hash)
 
 
+def settings(config):
+    (found,) = provenance([config])["settings"].values()
+    return found
+
+
 def test_the_settings_that_are_kept_are_those_that_ran():
-    ours = provenance(EpisodeConfig(method="ours"))
+    ours = settings(EpisodeConfig(method="ours"))
     assert (ours["navigator"]["exploration_rate"], ours["navigator"]["explorer"]["gamma"]) == (1.0, 300.0)
     assert ours["shield"] == asdict(ShieldConfig())
     assert ours["shield"]["futures"] == asdict(FuturesConfig())
     assert "dynamic_window" not in ours
     weighted = EpisodeConfig(method="ours", options=MethodOptions(gamma=2.0))
-    assert provenance(weighted)["navigator"]["explorer"]["gamma"] == 2.0
-    assert provenance(EpisodeConfig(method="ours", without="A")) == ours  # the task says so
-    alone = provenance(EpisodeConfig(method="fusion-plus", robot="go2", options=MethodOptions(gate="uniform")))
+    assert settings(weighted)["navigator"]["explorer"]["gamma"] == 2.0
+    assert settings(EpisodeConfig(method="ours", without="A")) == ours  # the task says so
+    alone = settings(EpisodeConfig(method="fusion-plus", robot="go2", options=MethodOptions(gate="uniform")))
     assert "shield" not in alone
     assert alone["gate"]["uniform"]
-    window = provenance(EpisodeConfig(method="dwa-dh"))
+    window = settings(EpisodeConfig(method="dwa-dh"))
     assert (window["navigator"]["exploration_rate"], window["navigator"]["explorer"]["gamma"]) == (0.2, 0.0)
     assert window["dynamic_window"] == asdict(DynamicWindowConfig())
     assert not {"shield", "gate"} & set(window)
@@ -252,5 +326,7 @@ def test_other_settings_do_not_go_on_with_our_rows(tmp_path, monkeypatch):
     assert isinstance(config, MethodConfig)
     slower = replace(config, explorer=ExplorerSettings(rate=0.1))
     monkeypatch.setitem(METHODS, name, Method("slower", slower))
-    with pytest.raises(BadArgument, match=r"begun with navigator\.exploration_rate = 0\.2, not 0\.1"):
+    with pytest.raises(
+        BadArgument, match=r"begun with settings\.tiago, ours-dh\.navigator\.exploration_rate = 0\.2, not 0\.1"
+    ):
         evaluate(IDENTITY, CONFIGS[:2], tmp_path, workers=1, job=jobs.episode_by_hash)

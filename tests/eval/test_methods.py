@@ -29,7 +29,7 @@ from eval.methods import (
     resolve,
     title_of,
 )
-from eval.suites import SUITES, episodes_of
+from eval.suites import SUITES, choose, episodes_of
 from robots.registry import make_body
 from tests.vuca_nav.random_policy import random_policy
 from tests.vuca_nav.random_safety import random_safety
@@ -181,7 +181,7 @@ def test_what_does_not_go_together_is_refused(weights, tmp_path):
         with pytest.raises(BadArgument, match="--gamma"):
             MethodOptions(gamma=gamma)
     with pytest.raises(BadWeights, match="no policy weights at"):
-        episodes_of(SUITES["smoke"], method="ours", options=MethodOptions(policy=str(tmp_path / "none")))
+        choose(SUITES["smoke"], ["ours"], options=MethodOptions(policy=str(tmp_path / "none")))
     with pytest.raises(BadWeights, match=r"cannot read the weights .*none"):
         identity_of(MethodConfig("network", tmp_path / "none"))
 
@@ -208,11 +208,11 @@ def test_a_critic_that_cannot_be_used_is_refused(weights, critic, tmp_path):
 
 def test_what_it_is_given_is_in_every_row(weights, critic):
     options = MethodOptions(policy=weights, gamma=1.5, critic=critic, without_expert=2, no_shield=True)
-    (row,) = {json.dumps(asdict(c.options)) for c in episodes_of(SUITES["smoke"], method="ours", options=options)}
+    (row,) = {json.dumps(asdict(c.options)) for c in episodes_of(choose(SUITES["smoke"], ["ours"], options=options))}
     assert json.loads(row) == {
         "policy": weights, "gate": None, "without_expert": 2, "no_shield": True, "critic": critic, "gamma": 1.5,
     }  # fmt: skip
-    flat = episodes_of(SUITES["smoke"], method="ours", options=options)[0].row()
+    flat = episodes_of(choose(SUITES["smoke"], ["ours"], options=options))[0].row()
     assert {key: flat[key] for key in json.loads(row)} == json.loads(row)
 
 
@@ -237,12 +237,16 @@ def test_an_evaluation_under_another_configuration_is_not_gone_on_with(tmp_path,
     arguments = ["smoke", "--out", str(tmp_path / "out"), "--method", "fusion", "--gate", "uniform"]
     assert eval_(arguments) == 0
     config = json.loads((tmp_path / "out" / "config.json").read_text())["config"]
-    assert (config["options"], config["configuration"]["gate"]["uniform"]) == ({"gate": "uniform"}, True)
-    with pytest.raises(BadArgument, match=r"was begun with configuration\.gate\.uniform = true, not false"):
+    assert config["methods"] == ["fusion --gate uniform"]
+    assert config["configurations"]["fusion --gate uniform"]["gate"]["uniform"] is True
+    with pytest.raises(BadArgument, match=r"was begun with configurations\.fusion = null, not "):
         eval_(arguments[:-2])
     explorer = replace(configured("fusion"), explorer=ExplorerSettings(hysteresis=1.0))
     monkeypatch.setitem(METHODS, "fusion", Method("changed", explorer))
-    with pytest.raises(BadArgument, match=r"was begun with configuration\.explorer\.hysteresis = 3\.0, not 1\.0"):
+    with pytest.raises(
+        BadArgument,
+        match=r"was begun with configurations\.fusion --gate uniform\.explorer\.hysteresis = 3\.0, not 1\.0",
+    ):
         eval_(arguments)
 
 
@@ -250,9 +254,10 @@ def test_an_evaluation_begun_by_another_critic_is_not_gone_on_with(critic, tmp_p
     monkeypatch.setattr("eval.evaluate.run_episodes", lambda *_: iter(()))
     arguments = ["smoke", "--out", str(tmp_path / "out"), "--method", "ours", "--critic", critic]
     assert eval_(arguments) == 0
-    assert json.loads((tmp_path / "out" / "summary.json").read_text())["configuration"]["critic"] == critic
+    (ours,) = json.loads((tmp_path / "out" / "summary.json").read_text())["configurations"].values()
+    assert ours["critic"] == critic
     Path(critic).write_bytes(SHIPPED.read_bytes())
-    with pytest.raises(BadArgument, match=r"was begun with configuration\.critic_sha256 = "):
+    with pytest.raises(BadArgument, match=r"was begun with configurations\..*\.critic_sha256 = "):
         eval_(arguments)
 
 

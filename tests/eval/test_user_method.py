@@ -9,7 +9,7 @@ import pytest
 from eval.commands import eval_, heatmap, run
 from eval.episode import Episode, EpisodeConfig
 from eval.methods import MethodOptions, build, identity_of, resolve
-from eval.suites import SUITES, episodes_of
+from eval.suites import SUITES, choose
 from tests.vuca_nav.rooms import LIDAR, disc_body
 from vuca_nav.errors import BadArgument
 from vuca_nav.navigator import Navigator
@@ -76,7 +76,7 @@ def test_an_evaluation_is_of_the_modules_source(module, tmp_path, monkeypatch):
     arguments = ["smoke", "--out", str(tmp_path / "out"), "--method", name, "--trust"]
     assert eval_(arguments) == 0
     config = json.loads((tmp_path / "out" / "config.json").read_text())["config"]
-    assert (config["method"], config["configuration"]["module"]) == (name, name)
+    assert (config["methods"], config["configurations"][name]["module"]) == ([name], name)
     module(NAVIGATOR)
     with pytest.raises(BadArgument, match=r"was begun with configuration\.source_sha256"):
         eval_(arguments)
@@ -111,7 +111,7 @@ def test_it_is_loaded_only_under_trust(module, tmp_path):
 def test_a_module_that_cannot_be_used_is_refused_before_the_run(module, name, source, message):
     module(source)
     with pytest.raises(BadArgument, match=f"^--method {name}: .*{message}"):
-        episodes_of(SUITES["smoke"], method=name)
+        choose(SUITES["smoke"], [name])
 
 
 @pytest.mark.parametrize(

@@ -3,10 +3,10 @@ import json
 import numpy as np
 import pytest
 
-from eval.analysis.compare import compare, read_episodes, table
+from eval.analysis.compare import by_method, compare, read_methods, read_rows, table
 from eval.analysis.statistics import paired_difference
 from eval.commands import compare as compare_command
-from vuca_nav.errors import BadArgument
+from vuca_nav.errors import BadArgument, UnknownName
 
 TASK = {"world": "square", "region": None, "movers": 8, "without": "", "robot": "go2", "start": None, "goal": None}
 
@@ -18,6 +18,12 @@ def evaluation(folder, outcomes, **task):
     with open(folder / "episodes.jsonl", "a") as file:
         file.writelines(json.dumps(row) + "\n" for row in rows)
     return folder
+
+
+def read_episodes(folder, seeds=None):
+    """The episodes of a directory of one method."""
+    (episodes,) = by_method(read_rows(folder, seeds)).values()
+    return episodes
 
 
 def test_pairs_are_of_the_same_episode(tmp_path):
@@ -117,3 +123,22 @@ def test_the_table_is_printed(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "`b` less `a`" in printed
     assert "| go2, square, 8 movers | 1 |" in printed
+
+
+def test_methods_of_one_evaluation_are_compared(tmp_path, capsys):
+    for method, outcomes in (("paper", ["collision"] * 6), ("ours", ["success"] * 6), ("ours", [None, "timeout"])):
+        evaluation(tmp_path / "a", outcomes, method=method, gamma=2.0 if outcomes[0] is None else None)
+    single = evaluation(tmp_path / "single", ["success"] * 2, method="drl")
+    assert list(read_methods([tmp_path / "a"])) == ["paper", "ours", "ours --gamma 2.0"]
+    assert list(read_methods([tmp_path / "a", single])) == ["a: paper", "a: ours", "a: ours --gamma 2.0", "single"]
+    assert compare_command([str(tmp_path / "a"), "--against", "ours", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert told["against"] == "ours"
+    task = "go2, square, 8 movers"
+    assert [(name, rows[task]["of"]["success"][0]) for name, rows in told["differences"].items()] == [
+        ("paper", -1.0), ("ours --gamma 2.0", -1.0),
+    ]  # fmt: skip
+    with pytest.raises(UnknownName, match="did you mean 'ours'"):
+        compare_command([str(tmp_path / "a"), "--against", "our"])
+    with pytest.raises(BadArgument, match="two or more methods to compare, got single"):
+        compare_command([str(single)])

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eval.analysis.compare import compare, read_episodes, table
+from eval.analysis.compare import compare, read_rows, table
 from eval.analysis.report import write_reports
 from eval.episode import EpisodeConfig
 from tests.eval.jobs import episode_by_hash
@@ -90,7 +90,7 @@ def report(good, bad, out):
 
 
 def differences(good, bad, out):
-    return table("bad", "good", compare(read_episodes(good), read_episodes(bad)))
+    return table("bad", "good", compare(read_rows(good), read_rows(bad)))
 
 
 def assert_short(text):

@@ -18,14 +18,14 @@ OURS = replace(BARE, method="ours", options=MethodOptions(gamma=0.0))
 def evaluation(folder, config, outcomes, runs=1):
     """A directory of ``vuca eval``: an episode of seed 0, 1, ... for each outcome."""
     folder.mkdir()
-    stored = {"suite": "crowd", "robot": config.robot, "method": config.method, "options": config.options.given()}
+    stored = {"suite": "crowd", "robots": [config.robot], "methods": [config.method]}
     stored |= {"seeds": [0, len(outcomes)], "episodes": len(outcomes) + 1}
     noted = [
         {"began": f"2026-01-0{k + 1}T10:00:00+00:00", "command": f"vuca eval crowd --out {folder}",
-         "machine": MACHINE | {"cores": 8 * (k + 1)}}
+         "machine": MACHINE | {"cores": 8 * (k + 1)}, "commit": "0123456789ab"}
         for k in range(runs)
     ]  # fmt: skip
-    made_by = {"vuca-nav": "0.1.0", "mujoco": "3.17.0", "commit": "0123456789ab"}
+    made_by = {"code": "c0de", "libraries": {"mujoco": "3.17.0", "numpy": "2.0"}}
     (folder / "config.json").write_text(json.dumps({"config": stored, "made_by": made_by, "runs": noted}))
     rows = [
         episode_by_hash(replace(config, seed=k))
@@ -51,7 +51,7 @@ def test_a_page_says_what_was_run_and_what_came_of_it(two, tmp_path):
         "| seeds | 0 to 7 |",
         "| episodes | 8 of 9 |",
         "| machine | A CPU \\| fast, 8 cores, Linux-6.1, Python 3.11.7 |",
-        "| libraries | vuca-nav 0.1.0, mujoco 3.17.0 |",
+        "| libraries | mujoco 3.17.0, numpy 2.0 |",
         "| date | 2026-01-01 |",
         # Wilson's interval of 2 of 8 is 7 to 59%; 240 m, six collisions.
         "| square, 8 movers | go2 | `dwa-dh` | 8 | 2 [7, 59%] | 6 [41, 93%] | 0 [0, 32%] | 0 [0, 32%] "
@@ -106,6 +106,6 @@ def test_what_is_no_evaluation_is_said(two, tmp_path):
         report(["--out", str(tmp_path / "out")])
     rows = two[0] / "episodes.jsonl"
     rows.write_text(rows.read_text().replace('"spl": 0.5', '"spl": "much"'))
-    with pytest.raises(BadArgument, match=r"episodes\.jsonl has a row that is not the result of an episode"):
+    with pytest.raises(BadArgument, match=r"bare has a row that is not the result of an episode"):
         write_reports([two[0]], tmp_path / "out")
     assert not (tmp_path / "out").exists()

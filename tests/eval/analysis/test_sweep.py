@@ -30,7 +30,7 @@ def test_lines_over_another_dial_are_told_apart_by_the_rest():
 def test_the_share_that_took_a_way_is_of_those_that_entered_any():
     ways = {"quiet": {"count": 8, "rate": 0.32, "interval": [0.17, 0.52]}, "short": {"count": 17, "rate": 0.68}}
     none = {"short": {"count": 25, "rate": 1.0, "interval": [0.87, 1.0]}}
-    options = {"options": {"gamma": 2.0}}
+    options = {"gamma": 2.0}
     groups = [group(12, 0.7) | {"ways": ways} | options, group(4, 0.7) | {"ways": none} | options]
     (name, points), *others = lines_of(groups, "quiet").items()
     assert not others
