@@ -182,7 +182,7 @@ def test_what_does_not_go_together_is_refused(weights, tmp_path):
             MethodOptions(gamma=gamma)
     with pytest.raises(BadWeights, match="no policy weights at"):
         choose(SUITES["smoke"], ["ours"], options=MethodOptions(policy=str(tmp_path / "none")))
-    with pytest.raises(BadWeights, match=r"cannot read the weights .*none"):
+    with pytest.raises(BadWeights, match=r"none cannot be read"):
         identity_of(MethodConfig("network", tmp_path / "none"))
 
 

@@ -78,7 +78,7 @@ def test_an_evaluation_is_of_the_modules_source(module, tmp_path, monkeypatch):
     config = json.loads((tmp_path / "out" / "config.json").read_text())["config"]
     assert (config["methods"], config["configurations"][name]["module"]) == ([name], name)
     module(NAVIGATOR)
-    with pytest.raises(BadArgument, match=r"was begun with configuration\.source_sha256"):
+    with pytest.raises(BadArgument, match=r"was begun with configurations.*source_sha256"):
         eval_(arguments)
 
 

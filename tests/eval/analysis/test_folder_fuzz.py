@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eval.analysis.compare import compare, read_rows, table
+from eval.analysis.compare import compare, read_methods, table
 from eval.analysis.report import write_reports
 from eval.episode import EpisodeConfig
 from tests.eval.jobs import episode_by_hash
@@ -89,8 +89,13 @@ def report(good, bad, out):
     return "".join(page.read_text() for page in write_reports([good, bad], out))
 
 
+def episodes_of(folder):
+    (episodes,) = read_methods([folder]).values()
+    return episodes
+
+
 def differences(good, bad, out):
-    return table("bad", "good", compare(read_rows(good), read_rows(bad)))
+    return table("bad", "good", compare(episodes_of(good), episodes_of(bad)))
 
 
 def assert_short(text):
