@@ -37,6 +37,10 @@ MOST_INVALID = 0.5
 lidar does not look it has no beams."""
 
 
+_UPRIGHT_AXES = levelling(UPRIGHT)
+_NOTHING_MOVES = np.zeros((0, 3))
+
+
 @dataclass(frozen=True, slots=True)
 class PerceptionConfig:
     """Settings of perception."""
@@ -127,7 +131,7 @@ class Perception:
         self._space.reset()
         self._stamp = -math.inf
         self._odom_at_scan = STANDING
-        self._is_seen = True
+        self._is_seen, self._was_upright = True, False
         self._age = 0
 
     def update(self, scan: Scan, odometry: Odometry) -> Percept:
@@ -145,10 +149,15 @@ class Perception:
         checked, measured = self._scan_check.check(scan), self._odometry_check.check(odometry)
         scan, is_new, is_gap = self._timed(checked.scan)
         fault = measured.fault or self._fault_of(checked, is_new)
-        up, axes = measured.up, levelling(measured.up)
+        up, is_upright = measured.up, measured.up == UPRIGHT
+        axes = _UPRIGHT_AXES if is_upright else levelling(up)
         if is_new:
             self._odom_at_scan = measured.odom_from_base
-            _level_scan(scan.ranges, self._beams, up, axes, self._band, self._level)
+            if is_upright and self._was_upright:
+                self._level.ranges[:] = scan.ranges
+            else:
+                _level_scan(scan.ranges, self._beams, up, axes, self._band, self._level)
+            self._was_upright = is_upright
         seen, ring, ring_level = self._ring_of(scan, checked, measured, is_new)
         if ring_level is not self._level:
             _level_scan(ring, self._ring_beams, up, axes, self._band, ring_level)
@@ -169,13 +178,16 @@ class Perception:
                 num_tracks = self._tracker.tracks_in_base(0, self._tracks)
                 if num_tracks:
                     tracks = self._tracks[:num_tracks]
-                    if up != UPRIGHT:
+                    if not is_upright:
                         tracks[:, [X, Y]] = multiplied(axes, tracks[:, [X, Y]])
                         tracks[:, [V_X, V_Y]] = multiplied(axes, tracks[:, [V_X, V_Y]])
                     c = self.config
                     num_moving = select_moving(tracks, c.moving_speed, c.certainty, self._moving)
         moving = self._moving[:num_moving]
-        _mark_movers(self._level, moving, self.config.own_returns)
+        if num_moving:
+            _mark_movers(self._level, moving, self.config.own_returns)
+        else:
+            self._level.is_mover[:] = False
         self._fresh[0] = not is_valid or (self._fresh[0] and not is_new)
         self._field.set_scan(ring)
         return Percept(
@@ -192,7 +204,7 @@ class Perception:
             is_blind=checked.returns == 0,
             level=self._level,
             tracks=self._tracks[:num_tracks],
-            moving=moving[:, [X, Y, RADIUS]],
+            moving=moving[:, [X, Y, RADIUS]] if num_moving else _NOTHING_MOVES,
             history=self._history,
             field=self._field,
         )
@@ -273,8 +285,6 @@ def _level_scan(ranges, beams, up, axes, band, level):
 def _mark_movers(level, moving, margin):
     """Mark the returns that belong to a moving track."""
     level.is_mover[:] = False
-    if not len(moving):
-        return
     for k in range(level.ranges.shape[0]):
         r = level.ranges[k]
         if r < np.inf:
