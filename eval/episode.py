@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from eval.baselines.oracle.truth import Truth
 from eval.contact import Contact, classify_contact
 from eval.failure import Failure, Trail, classify_failure, is_out_of_reach
 from eval.methods import BEST, UNCHANGED, MethodOptions, build, resolve
@@ -163,7 +164,8 @@ class Episode:
         """The two sides of the loop: the simulation and the stack."""
         localisation = "slam" if "A" not in self.config.without else "odometry"
         simulation = self.simulation(telemetry)
-        return simulation, build(self.method, self.body.spec, self.body.lidar, localisation, telemetry)
+        truth = Truth(self.world, self.body, simulation)
+        return simulation, build(self.method, self.body.spec, self.body.lidar, localisation, telemetry, truth)
 
     def begin(self, telemetry: Telemetry) -> tuple[Simulation, Stack, Scan, Odometry]:
         """Both sides ready for the first step, and the robot's first readings."""

@@ -14,6 +14,9 @@ from typing import Any, Literal, NamedTuple
 
 from eval.baselines.move_base.config import MoveBaseConfig
 from eval.baselines.move_base.stack import MoveBase
+from eval.baselines.oracle.config import OracleConfig
+from eval.baselines.oracle.stack import Oracle
+from eval.baselines.oracle.truth import Truth
 from eval.method_config import CRITIC_RATE, GAMMA, OWN_VALUE, PAPER_EXPLORER, ExplorerSettings, MethodConfig
 from eval.user_method import Request, UserMethod
 from vuca_nav.data_files import read_bytes
@@ -34,7 +37,7 @@ from vuca_nav.stack import Stack
 from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import BodySpec, LidarSpec
 
-AnyConfig = MethodConfig | MoveBaseConfig | UserMethod
+AnyConfig = MethodConfig | MoveBaseConfig | OracleConfig | UserMethod
 """The configuration of any stack: the project's own, a baseline, or one of the user's."""
 
 
@@ -82,6 +85,14 @@ METHODS: dict[str, Method] = {
         MoveBaseConfig(),
     ),
     "move_base+dh": Method("the same, with frontiers by D^h", MoveBaseConfig(explorer=PAPER_EXPLORER)),
+    "oracle": Method(
+        "upper bound: knows the true map, its pose and the movers' future; a search through space and time",
+        OracleConfig(),
+    ),
+    "oracle-map": Method(
+        "knows the true map and its pose, and takes the movers in sight to go straight on",
+        OracleConfig(knows_future=False),
+    ),
     "go-straight": Method("stage 1's expert for going straight alone, D^h", _network("go-straight")),
     "obstacle-avoidance": Method("stage 1's expert for avoiding obstacles alone, D^h", _network("obstacle-avoidance")),
     "single": Method("one network trained like the fused one, D^h", _network("single")),
@@ -286,6 +297,7 @@ def build(
     lidar: LidarSpec,
     localisation: Literal["slam", "odometry"] = "slam",
     telemetry: Telemetry = Telemetry(),
+    truth: Truth | None = None,
 ) -> Stack:
     """Build the stack of a method for a body.
 
@@ -295,10 +307,15 @@ def build(
         lidar: The body's lidar.
         localisation: "odometry" where the odometry is the true pose (``--without A``).
         telemetry: Receives what the stages report.
+        truth: The episode as it is, for the oracles; no other method sees it.
 
     Raises:
-        VucaError: Weights cannot be used, or the user's own factory fails.
+        VucaError: Weights cannot be used, the user's own factory fails, or an oracle is not given the truth.
     """
+    if isinstance(method, OracleConfig):
+        if truth is None:
+            raise BadArgument("an oracle drives in the simulation only, where the truth is known")
+        return Oracle(method, truth, telemetry)
     request = Request(body, lidar, localisation, telemetry)
     if isinstance(method, UserMethod):
         return method.build(request)
@@ -362,6 +379,8 @@ def settings_of(method: AnyConfig, body: BodySpec, lidar: LidarSpec) -> dict[str
     Raises:
         VucaError: It cannot be built.
     """
+    if isinstance(method, OracleConfig):
+        return {}
     navigator = build(method, body, lidar)
     if not isinstance(navigator, Navigator):
         return {}

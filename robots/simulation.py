@@ -149,6 +149,11 @@ class Simulation:
         self.contact_facts: ContactFacts | None = None
         self.fallen, self.clearance = False, math.inf
 
+    @property
+    def movers(self) -> MoverField:
+        """The moving obstacles as they are now, for metrics and for baselines that know the truth."""
+        return self._movers
+
     def reset(self) -> tuple[Scan, Odometry]:
         """Return to the start, the noise included, and take the first scan."""
         self._physics.reset()

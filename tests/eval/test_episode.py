@@ -167,7 +167,7 @@ def test_start_and_goal_replace_the_worlds(simulation):
 def test_without_ambiguity_odometry_is_true_and_nothing_is_noisy(simulation, monkeypatch):
     asked = []
 
-    def build(method, body, lidar, localisation, telemetry):
+    def build(method, body, lidar, localisation, telemetry, truth):
         asked.append(localisation)
         return StraightOn()
 
