@@ -9,6 +9,7 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch.multiprocessing.spawn import ProcessExitedException, ProcessRaisedException, start_processes
@@ -101,10 +102,9 @@ class NavigationTraining(TrainingLoop[PpoLearner]):
         with tempfile.TemporaryDirectory() as folder:
             # Forked, a worker has its worlds and torch at once; nothing has begun to use threads yet.
             meeting = str(Path(folder) / "meeting")
-            workers = start_processes(
+            workers: Any = start_processes(
                 _work, (self, environments, meeting), nprocs=run.workers, join=False, start_method="fork"
             )
-            assert workers is not None  # as it is not joined
             logging.getLogger(start_processes.__module__).setLevel(logging.ERROR)  # the error says what ended them
             try:
                 while not workers.join():
