@@ -20,9 +20,6 @@ class NavigationPpoConfig(PpoConfig):
     """Weight of the mutual information of observation and expert, which favours gates that are sure of each
     observation, and yet use all experts."""
     reward_scale: float = 0.2
-    time_outs_end: bool = False
-    """Whether nothing is expected after a time-out, as after any other end of an episode: being late is then a loss.
-    Else an episode whose time is up is worth what would have followed."""
     teach_gate: bool = False
     """While only the critic learns, teach a gate of four the skill that each observation calls for."""
 

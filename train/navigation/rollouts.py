@@ -60,9 +60,8 @@ class ArenaRollouts(Rollouts):
             reward_terms(step, self._rewards, self._terms)
             batch.reward[t, :, 0] = torch.from_numpy(self._terms.sum(axis=0)) * config.reward_scale
             terminated = step.collided | step.reached
-            done = terminated | step.timed_out
-            batch.terminated[t, :, 0] = torch.from_numpy(done if config.time_outs_end else terminated)
-            batch.done[t, :, 0] = torch.from_numpy(done)
+            batch.terminated[t, :, 0] = torch.from_numpy(terminated)
+            batch.done[t, :, 0] = torch.from_numpy(terminated | step.timed_out)
             if step.timed_out.any():
                 last = torch.from_numpy(step.final_observation[step.timed_out])
                 batch.following[t][torch.from_numpy(step.timed_out)] = self._critic(last)

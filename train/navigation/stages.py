@@ -65,7 +65,7 @@ _DRL_HALL = replace(_DRL_CIRCLE, circle=0.0, hall=1.0, robots=44, lengths=(3.0, 
 _DRL_FIRST = NavigationPpoConfig(
     worlds=24, horizon=128, minibatch=256, epochs=2, clip=0.1, entropy=5e-4, first_rate=5e-4, last_rate=1e-4
 )
-_DRL_SECOND = replace(_DRL_FIRST, worlds=44, first_rate=4e-4, last_rate=5e-5, critic_first=4, time_outs_end=True)
+_DRL_SECOND = replace(_DRL_FIRST, worlds=44, first_rate=3e-4, last_rate=5e-5, critic_first=4)
 _COPIES = ("go-straight", "obstacle-avoidance", "go-straight", "obstacle-avoidance")
 
 
@@ -126,7 +126,7 @@ _ALL = (
         name="drl",
         about="The baseline of Long et al. as publicly reproduced, second stage: 44 robots in a hall of mixed ground.",
         rewards=DRL, arena=_DRL_HALL, observation=_FRAMES,
-        network=NetworkConfig(architecture="convolutional", initial_std=0.25), ppo=_DRL_SECOND, steps=700_000,
+        network=NetworkConfig(architecture="convolutional", initial_std=0.25), ppo=_DRL_SECOND, steps=400_000,
         sources=("drl-circle",),
     ),
 )  # fmt: skip

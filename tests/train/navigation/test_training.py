@@ -32,9 +32,8 @@ NETWORK = NetworkConfig(experts=2, hidden=16, gate=8, critic=16)
 STAGE = StageConfig("tiny", "For tests.", "go-straight", ArenaConfig(), SMALL, NETWORK, PPO, 6 * 16 * 8)
 
 
-@pytest.mark.parametrize("ends", [False, True])
-def test_what_follows_a_time_out_is_the_last_thing_seen_in_it_or_nothing(ends):
-    stage = dataclasses.replace(STAGE, ppo=dataclasses.replace(PPO, horizon=64, minibatch=32, time_outs_end=ends))
+def test_what_follows_a_time_out_is_the_last_thing_seen_in_it():
+    stage = dataclasses.replace(STAGE, ppo=dataclasses.replace(PPO, horizon=64, minibatch=32))
     ground = OpenGround(stage, PPO.worlds)
     mind = make_local_learner(stage, 0, Alone(), ground)
     mind.restart()
@@ -58,7 +57,7 @@ def test_what_follows_a_time_out_is_the_last_thing_seen_in_it_or_nothing(ends):
             assert torch.allclose(rollout.following[t, timed_out[t]], final[timed_out[t]], atol=1e-6)
             goes_on = ~(timed_out[t] | reached[t])
             assert torch.allclose(rollout.following[t, goes_on], then[goes_on], atol=1e-6)
-    assert torch.equal(rollout.terminated[..., 0], reached | timed_out if ends else reached)
+    assert torch.equal(rollout.terminated[..., 0], reached)
     assert torch.equal(rollout.done[..., 0], reached | timed_out)
 
 
