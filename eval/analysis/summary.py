@@ -7,7 +7,9 @@ from dataclasses import fields
 
 from eval.analysis.statistics import mean, wilson_interval
 from eval.checked import is_number
+from eval.contact import CONTACT_CLASSES
 from eval.episode import OUTCOMES
+from eval.failure import FAILURE_CLASSES
 from eval.methods import MethodOptions, title_of
 from eval.store import Row
 
@@ -64,7 +66,9 @@ def summarise(rows: Sequence[Row]) -> list[Row]:
 def statistics_of(rows: Sequence[Row]) -> Row:
     """Rates and means of some rows; no rows give rates of None and the interval [0, 1].
 
-    ``way_per_collision`` is the way of all episodes together over the number of collisions [m], None if there is none.
+    ``contacts`` counts the contacts of each class, and those in which the robot itself closed in; ``failures`` the
+    classes of missions that did not arrive without one. ``way_per_collision`` is the way of all episodes together over
+    the number of collisions [m], None if there is none.
     """
     n = len(rows)
     counts = {outcome: sum(row["outcome"] == outcome for row in rows) for outcome in OUTCOMES}
@@ -77,10 +81,17 @@ def statistics_of(rows: Sequence[Row]) -> Row:
         way: {"count": k, "rate": k / len(taken), "interval": list(wilson_interval(k, len(taken)))}
         for way, k in sorted(Counter(taken).items())
     }
+    contacts = [row["contact"] for row in rows if row.get("contact")]
+    failures = Counter(row["failure"]["class"] for row in rows if row.get("failure"))
     collisions, way = counts["collision"], math.fsum(row["path_length"] or 0.0 for row in rows)
     return {
         "n": n,
         **rates,
+        "contacts": {
+            "own": sum(contact["own"] for contact in contacts),
+            **{name: sum(contact["class"] == name for contact in contacts) for name in CONTACT_CLASSES},
+        },
+        "failures": {name: failures[name] for name in FAILURE_CLASSES},
         "ways": ways,
         **{name: mean(row[name] for row in rows) for name in MEANS},
         "way_per_collision": way / collisions if collisions else None,
@@ -92,11 +103,11 @@ def table(groups: Sequence[Row], total: Row) -> str:
 
     ``m/coll.`` is the way for each collision.
     """
-    header = ["episodes", "n", *OUTCOMES, *(title for title, _, _ in _COLUMNS)]
+    header = ["episodes", "n", *OUTCOMES, "own", *(title for title, _, _ in _COLUMNS)]
     lines = [header]
     for title, group in [*((_title(group), group) for group in groups), ("all", total)]:
         means = ("-" if group[name] is None else f"{group[name]:.{digits}f}" for _, name, digits in _COLUMNS)
-        lines.append([title, str(group["n"]), *(_rate(group[o]) for o in OUTCOMES), *means])
+        lines.append([title, str(group["n"]), *(_rate(group[o]) for o in OUTCOMES), _own(group), *means])
     widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
     return "\n".join(
         "  ".join(cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(line, widths)))
@@ -107,6 +118,12 @@ def table(groups: Sequence[Row], total: Row) -> str:
 def _rate(outcome: Row) -> str:
     low, high = outcome["interval"]
     return f"{outcome['count']} [{100 * low:.0f}-{100 * high:.0f}%]"
+
+
+def _own(group: Row) -> str:
+    """How many of the contacts the robot closed in on itself."""
+    contacts = group["contacts"]
+    return f"{contacts['own']} of {sum(contacts[name] for name in CONTACT_CLASSES)}"
 
 
 def _title(group: Row) -> str:

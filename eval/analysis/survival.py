@@ -23,12 +23,12 @@ TICK_RATE = 30.0
 """Rate of commands [Hz]."""
 SEGMENT = 8
 """Ticks for which the search keeps a command, 0.27 s."""
-MOST_NODES = 60_000
+MOST_NODES = 200_000
 """Number of nodes after which the search gives up."""
 VOXEL = np.array([0.1, 0.1, 0.25, 0.25, 0.25, 0.7])
 """Sizes of a voxel along x, y, yaw, v_x, v_y, w_z [m, rad, m/s, rad/s]."""
-_TABLE = 1 << 18
-"""Slots of the table of voxels: four times the number of nodes."""
+_TABLE = 1 << 20
+"""Slots of the table of voxels: five times the number of nodes."""
 _FAR = 2.0
 """Clearance above which more is no better [m]."""
 

@@ -161,6 +161,20 @@ def test_summary_by_hand():
     assert "2 [21-94%]" in first
 
 
+def test_contacts_and_failures_by_hand():
+    base = jobs.episode_by_hash(CONFIGS[0]) | {"arriving_time": None, "contact": None, "failure": None}
+    touched = [("stopped", False), ("stopped", False), ("front", True), ("static", True), ("yielding", False)]
+    rows = [base | {"outcome": "collision", "contact": {"class": name, "own": own}} for name, own in touched]
+    rows += [base | {"outcome": "timeout", "failure": {"class": name}} for name in ("stuck", "stuck", "lost")]
+    total = statistics_of(rows)
+    counts = {"own": 2, "static": 1, "stopped": 2, "yielding": 1, "front": 1, "side": 0, "rear": 0}
+    assert total["contacts"] == counts
+    assert total["failures"] == {"fall": 0, "unreachable": 0, "lost": 1, "stuck": 2, "out_of_time": 0}
+    header, line = table([], total).splitlines()
+    end = header.index(" own") + len(" own")
+    assert line[:end].endswith("2 of 5")
+
+
 def test_ways_by_hand():
     base = jobs.episode_by_hash(CONFIGS[0]) | {"arriving_time": None}
     ways = {"success": (30.0, 50.0), "collision": (5.0, 15.0), "timeout": (200.0,)}

@@ -156,6 +156,21 @@ def test_rows_of_every_entity(recording: Path):
     } <= static
 
 
+def test_a_moment_found_afterwards_is_marked_at_its_time(tmp_path: Path):
+    path = tmp_path / "moment.rrd"
+    telemetry = RerunTelemetry.record(path, title="moment")
+    drive_in_a_circle(telemetry, 2.0)
+    telemetry.moment(1.25, (3.0, 4.0), "last avoidable moment")
+    telemetry.close()
+    times = [
+        chunk.to_record_batch().column("time").cast("int64").to_pylist()
+        for chunk in chunks(path)
+        if chunk.entity_path == "/world/moments/0"
+    ]
+    assert times == [[1_250_000_000]]
+    assert ["last avoidable moment"] in column(path, "/events", "TextLog:text")
+
+
 def view_origins(path: Path) -> set[str]:
     reader = RrdReader(path)
     (layout,) = reader.blueprints()
