@@ -104,10 +104,13 @@ def told_command(name: str, run: Row) -> str:
     """
     words = shlex.split(str(run.get("command") or ""))
     for k, word in enumerate(words):
-        if word == "--out" and k + 1 < len(words):
-            words[k + 1] = f"runs/{name}"
-        elif word.startswith("--out="):
+        flag, equals, place = word.partition("=")
+        if flag != "--out":
+            continue
+        if equals and not place.startswith("runs/"):
             words[k] = f"--out=runs/{name}"
+        elif not equals and k + 1 < len(words) and not words[k + 1].startswith("runs/"):
+            words[k + 1] = f"runs/{name}"
     return shlex.join(words)
 
 
@@ -130,7 +133,7 @@ def _cells(sources: Sequence[Path]) -> dict[str, _Cell]:
         for row in _rows(source):
             title = title_of(row["method"], row)
             driver = f"{row['robot']}, {title}"
-            name = re.sub(r"[^\w.+-]+", "-", f"{config.get('suite')}-{row['robot']}-{title}-{row['bits']}")
+            name = re.sub(r" --|[^\w.+-]+", "-", f"{config.get('suite')}-{row['robot']}-{title}-{row['bits']}")
             if name not in here:
                 own = {"robots": [row["robot"]], "methods": [title]}
                 own["configurations"] = {title: config.get("configurations", {}).get(title)}

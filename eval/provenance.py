@@ -87,11 +87,20 @@ def made_with() -> Row:
 
 @functools.cache
 def code_digest() -> str:
-    """Hash of the code that an episode runs, and of the weights that its bodies walk by."""
+    """Hash of the code that an episode runs here, and of the weights that its bodies walk by."""
+    return digest_of(_ROOT)
+
+
+def digest_of(root: Path) -> str:
+    """Hash of the code that an episode runs, and of the weights that its bodies walk by.
+
+    Args:
+        root: Directory of the packages.
+    """
     digest = hashlib.sha256()
-    for name, path in sorted(_modules(_ENTRY).items()):
+    for name, path in sorted(_modules(root, _ENTRY).items()):
         digest.update(f"{name} {_code_of(path)}\n".encode())
-    for path in sorted(_ROOT.glob(_DATA)):
+    for path in sorted(root.glob(_DATA)):
         digest.update(f"{path.name} {hashlib.sha256(path.read_bytes()).hexdigest()}\n".encode())
     return digest.hexdigest()[:_DIGITS]
 
@@ -101,13 +110,13 @@ def _settings(config: EpisodeConfig) -> Row:
     return settings_of(resolve(config.method, config.options), body.spec, body.lidar)
 
 
-def _modules(entry: str) -> dict[str, Path]:
+def _modules(root: Path, entry: str) -> dict[str, Path]:
     """Source files of a module and of those of this project that it imports, directly or not, by name."""
     found: dict[str, Path] = {}
     waiting = [entry]
     while waiting:
         name = waiting.pop()
-        path = _source_of(name)
+        path = _source_of(root, name)
         if path is None or name in found:
             continue
         found[name] = path
@@ -115,11 +124,11 @@ def _modules(entry: str) -> dict[str, Path]:
     return found
 
 
-def _source_of(module: str) -> Path | None:
+def _source_of(root: Path, module: str) -> Path | None:
     """Source file of a module of this project; None if it is none."""
     if module.partition(".")[0] not in _PACKAGES:
         return None
-    place = _ROOT.joinpath(*module.split("."))
+    place = root.joinpath(*module.split("."))
     return next((path for path in (place.with_suffix(".py"), place / "__init__.py") if path.is_file()), None)
 
 
