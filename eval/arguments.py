@@ -133,6 +133,11 @@ class EvalArguments(OptionArguments, DialArguments):
     """The seeds A to B - 1 instead of the suite's own."""
     workers: Annotated[int | None, _optional("W")] = None
     """Number of processes; by default one for each core."""
+    backend: Literal["local", "ray"] = "local"
+    """Where the episodes run: on this computer, or on a Ray cluster, that of RAY_ADDRESS or one that is started here.
+    The rows are the same."""
+    record: Annotated[Literal["failures"] | None, _optional("failures")] = None
+    """Run the missions that failed once more and record them, into OUT/recordings."""
     json: bool = False
     """End with one JSON object on stdout, the summary."""
 

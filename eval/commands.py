@@ -25,7 +25,7 @@ from eval.arguments import (
 from vuca_nav.cli import parse, show
 from vuca_nav.errors import BadArgument, UnknownName
 from vuca_nav.files import prepare_file
-from vuca_nav.provenance import commit, machine, usable_cores
+from vuca_nav.provenance import commit, machine
 
 if TYPE_CHECKING:
     from eval.episode import EpisodeConfig
@@ -81,6 +81,7 @@ def eval_(argv: list[str]) -> int:
     from eval.analysis.summary import table
     from eval.evaluate import evaluate
     from eval.methods import identity_of, resolve
+    from eval.recordings import record_failures
     from eval.suites import choose, episodes_of, find_suite, parse_seeds, turn_dials
 
     methods, robots = _listed("--method", arguments.method), _listed("--robot", arguments.robot)
@@ -99,15 +100,22 @@ def eval_(argv: list[str]) -> int:
         "episodes": len(configs),
         "tasks": [asdict(task) for task in suite.tasks],
     }
-    workers = arguments.workers or usable_cores()
+    runner = None
+    if arguments.backend == "ray":
+        import ray  # noqa: F401  # pyright: ignore[reportMissingImports]  (missed before anything is written)
+
+        from eval.ray_runner import run_on_ray as runner
     command = shlex.join(["vuca", "eval", *argv])
-    evaluation = evaluate(identity, configs, arguments.out, workers=workers, command=command)
+    evaluation = evaluate(identity, configs, arguments.out, workers=arguments.workers, command=command, run=runner)
     show(table(evaluation.groups, evaluation.total))
     print(f"rows and summary: {arguments.out}", file=sys.stderr)
-    for crash in evaluation.crashes:
+    crashes = list(evaluation.crashes)
+    if arguments.record:
+        crashes += record_failures(evaluation.rows, configs, arguments.out / "recordings", arguments.workers)
+    for crash in crashes:
         print(f"vuca eval: crashed: {crash.error} in {crash.config}", file=sys.stderr)
     _print_json(json.loads((arguments.out / "summary.json").read_text()), arguments.json)
-    return 1 if evaluation.crashes else 0
+    return 1 if crashes else 0
 
 
 def compare(argv: list[str]) -> int:

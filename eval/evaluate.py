@@ -1,7 +1,7 @@
 """Run a suite into a directory; run again, it goes on where it was."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,6 +16,9 @@ from eval.runner import Crash, RunEpisode, key_of, run_episodes, run_one
 from eval.store import ResultStore, Row
 from vuca_nav.errors import BadArgument
 from vuca_nav.provenance import find_commit, machine
+
+RunEpisodes = Callable[[Sequence[EpisodeConfig], int | None, RunEpisode], Iterator[Row | Crash]]
+"""Runs episodes by a job with so many workers, and yields rows in the order in which they end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,9 +40,10 @@ def evaluate(
     configs: Sequence[EpisodeConfig],
     out: Path,
     *,
-    workers: int,
+    workers: int | None,
     command: str = "",
     job: RunEpisode = run_one,
+    run: RunEpisodes | None = None,
 ) -> Evaluation:
     """Run those episodes that ``out`` does not hold yet, then summarise all of them.
 
@@ -48,9 +52,10 @@ def evaluate(
             ``configurations`` are those of the methods, by their titles.
         configs: Its episodes, one or more.
         out: The directory of the results.
-        workers: Number of processes.
+        workers: Number of processes; None for what ``run`` chooses.
         command: The command as typed, noted with the machine if there are episodes to run.
         job: Runs one episode in a worker.
+        run: Runs the episodes, on this computer by default.
 
     Raises:
         BadArgument: The directory cannot be used for this evaluation.
@@ -74,16 +79,16 @@ def evaluate(
             print(f"{len(done)} of {len(configs)} episodes are there already", file=sys.stderr)
         if todo:
             began = datetime.now(UTC).isoformat(timespec="seconds")
-            run: Row = {"began": began, "command": command, "machine": machine(), **made_with()}
+            note: Row = {"began": began, "command": command, "machine": machine(), **made_with()}
             reason = find_commit().reason
             if reason is not None:
-                run["commit_not_known"] = reason
+                note["commit_not_known"] = reason
                 print(f"the commit is not known: {reason}", file=sys.stderr)
-            store.note_run(run)
-        pause = 0.1 if sys.stderr.isatty() else 10.0  # between two updates [s]: in a log each is a line
+            store.note_run(note)
+        pause = pause_of_progress()
         with tqdm(total=len(configs), initial=len(done), unit="episode", file=sys.stderr, mininterval=pause) as bar:
             try:
-                for result in run_episodes(todo, workers, job) if todo else ():
+                for result in (run or run_episodes)(todo, workers, job) if todo else ():
                     if isinstance(result, Crash):
                         crashes.append(result)
                         bar.write(f"crashed: {result.config}\n{result.trace}", file=sys.stderr)
@@ -101,6 +106,11 @@ def evaluate(
         failures = [{"config": crash.config, "error": crash.error} for crash in crashes]
         store.finish(rows, {**identity, "made_by": made_by, "groups": groups, "total": total, "crashed": failures})
     return Evaluation(tuple(rows), groups, total, tuple(crashes))
+
+
+def pause_of_progress() -> float:
+    """Time between two updates of a progress bar [s]: in a log each is a line."""
+    return 0.1 if sys.stderr.isatty() else 10.0
 
 
 def _bits(identity: Row, made_by: Row, configs: Sequence[EpisodeConfig]) -> dict[str, str]:

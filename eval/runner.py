@@ -15,6 +15,7 @@ from typing import Any
 
 from eval.episode import CONFIG_FIELDS, EpisodeConfig, run_episode
 from eval.store import Row
+from vuca_nav.provenance import usable_cores
 
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
@@ -48,16 +49,19 @@ def key_of(row: Row) -> str:
     return repr([row.get(name) for name in CONFIG_FIELDS])
 
 
-def run_episodes(configs: Sequence[EpisodeConfig], workers: int, job: RunEpisode = run_one) -> Iterator[Row | Crash]:
+def run_episodes(
+    configs: Sequence[EpisodeConfig], workers: int | None, job: RunEpisode = run_one
+) -> Iterator[Row | Crash]:
     """Run episodes, and yield rows in the order in which they end.
 
     Args:
         configs: The episodes to run.
-        workers: Number of processes; one is a process of its own as well, so that it gives the same rows.
+        workers: Number of processes; one is a process of its own as well, so that it gives the same rows. None for one
+            each core.
         job: Function that a worker calls with a configuration; must be importable.
     """
-    with worker_pool(max(1, min(workers, len(configs)))) as pool:
-        waiting = {pool.submit(_run_safely, job, config): config for config in configs}
+    with worker_pool(max(1, min(workers or usable_cores(), len(configs)))) as pool:
+        waiting = {pool.submit(run_safely, job, config): config for config in configs}
         for future in as_completed(waiting):
             config = waiting.pop(future)
             try:
@@ -88,7 +92,7 @@ def worker_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
             raise
 
 
-def _run_safely(job: RunEpisode, config: EpisodeConfig) -> Row | Crash:
+def run_safely(job: RunEpisode, config: EpisodeConfig) -> Row | Crash:
     """Run the job and turn an exception into a value: some exceptions do not survive the way back."""
     try:
         return job(config)

@@ -3,9 +3,11 @@
 import hashlib
 import os
 import time
+from pathlib import Path
 from typing import Any
 
 from eval.episode import EpisodeConfig
+from eval.recordings import file_name
 from eval.runner import THREAD_VARIABLES
 
 
@@ -52,3 +54,10 @@ def episode_that_waits_on_seed_1(config: EpisodeConfig) -> dict[str, Any]:
     while config.seed == 1:
         time.sleep(60.0)
     return episode_by_hash(config)
+
+
+def recording_by_hash(out: Path, config: EpisodeConfig) -> dict[str, Any]:
+    """A row as above, and a file in place of its recording."""
+    row = episode_by_hash(config)
+    (out / file_name(row)).touch()
+    return row
