@@ -4,7 +4,7 @@
 
 VENV ?= .venv
 BIN := $(VENV)/bin
-# Ray is installed apart: it is large, and only `vuca train --collector ray` needs it.
+# Ray is installed apart: it is large, and only `vuca train --collector ray` and `vuca eval --backend ray` need it.
 RAY_VENV ?= .venv-ray
 # So is stable-baselines3: nothing here needs it but its adapter. moviepy writes the video that a test records, and wants
 # an older Pillow than the lock has.
@@ -96,8 +96,8 @@ test: lint types layers ## everything CI checks
 test-slow: $(VENV)/.installed-dev ## the tests that take minutes
 	$(BIN)/pytest -n $(WORKERS) -m slow -rs
 
-test-ray: $(RAY_VENV)/.installed ## training with two workers on a local Ray, in an environment of its own, .venv-ray
-	$(RAY_VENV)/bin/pytest -m 'slow or not slow' tests/train/navigation/test_ray.py
+test-ray: $(RAY_VENV)/.installed ## training and evaluation on a local Ray, two workers, in an environment of its own, .venv-ray
+	$(RAY_VENV)/bin/pytest -m 'slow or not slow' tests/train/navigation/test_ray.py tests/eval/test_ray_runner.py
 
 test-sb3: $(SB3_VENV)/.installed ## stable-baselines3 trains in both environments, five minutes, in an environment of its own, .venv-sb3
 	$(SB3_VENV)/bin/pytest -m 'slow or not slow' -rs tests/train/arena/test_sb3_env.py tests/robots/test_scene_camera.py
