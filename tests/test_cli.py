@@ -80,7 +80,7 @@ run_module("module", main, Arguments)
     ("body", "code", "line"),
     [
         ("import sys; sys.modules['matplotlib'] = None; import matplotlib", 2,
-         "module: needs the package 'matplotlib': run pip install -e '.[train]' in your clone of vuca-nav"),
+         "module: needs the package 'matplotlib': run pip install -e '.[sim]' in your clone of vuca-nav"),
         ("raise KeyboardInterrupt", 130, "module: interrupted"),
         ("from vuca_nav.errors import BadArgument; raise BadArgument('n must\\nbe 2')", 2, "module: n must be 2"),
         ("print(arguments.n, file=sys.stderr)", 0, "1"),
@@ -132,7 +132,10 @@ MISTAKES = [
     (["run", "--record", "a.rrd", "--serve"], "exclude each other"),
     (["run", "--method", "FUSION"], "unknown method 'FUSION'; did you mean 'fusion'?"),
     (["run", "--critic", "s.safetensors"], "'ours-dh' has no V^h; --critic goes with: ours"),
-    (["run", "--method", "dwa-dh", "--gate", "uniform"], "--gate goes with: ours, ours-dh, fusion, fusion-plus"),
+    (
+        ["run", "--method", "dwa-dh", "--gate", "uniform"],
+        "--gate goes with: ours, ours-dh, paper, paper-dh, fusion, fusion-plus",
+    ),
     (["run", "--gate", "skewed"], "--gate must be uniform, or left out for the trained gate; got 'skewed'"),
     (["run", "--without-expert", "0"], "cannot leave out expert 0: fusion-plus.safetensors has 4, numbered 1 to 4"),
     (["run", "--method", "single", "--no-shield"], "'single' has no shield; --no-shield goes with: ours, ours-dh"),
@@ -142,11 +145,11 @@ MISTAKES = [
     (["heatmap", "--out", "."], "--out . is a directory, expected a file"),
     (["eval", "smoke", "--out", "out", "--critic", "s.safetensors"], "'ours-dh' has no V^h; --critic goes with: ours"),
     (["eval", "smoke", "--out", "out", "--gate", "uniform", "--method", "go-straight"], "--gate goes with: ours"),
-    (["run", "--world", "missing.yaml"], "missing.yaml: No such file"),
+    (["run", "--world", "missing.yaml"], "missing.yaml cannot be read: No such file"),
     (["list", "planets"], "planets"),
     (["eval", "smoke"], "--out"),
-    (["compare", "one"], "give two or more evaluations"),
-    (["compare", "none", "other"], "none/episodes.jsonl is not a list of episodes"),
+    (["compare", "one"], "one/episodes.jsonl cannot be read"),
+    (["compare", "none", "other"], "none/episodes.jsonl cannot be read"),
     (["report", "none"], "--out"),
     (["report", "none", "--out", "out"], "none/config.json cannot be read: No such file or directory"),
     (["eval", "smok", "--out", "out"], "unknown suite 'smok'; did you mean 'smoke'?"),
@@ -209,7 +212,7 @@ movers:
   - kind: cylinder
     radius: 0.2
     start: {x: 3.0, y: 2.0, yaw: 0.0}
-    motion: {type: patrol, speed: 0.0, waypoints: [{x: 3.0, y: 2.0}]}
+    motion: {type: patrol, speed: 0.0, waypoints: [{x: 3.0, y: 2.0}, {x: 3.0, y: 2.5}]}
     parts: [{shape: {type: cylinder, x: 0.0, y: 0.0, radius: 0.2, height: 1.0}}]
 """
     crowded = tmp_path / "crowded.yaml"

@@ -6,6 +6,7 @@ input or no means to do the work, 130 interrupted, 143 terminated.
 """
 
 import contextlib
+import importlib
 import io
 import os
 import signal
@@ -330,6 +331,5 @@ def _summary(entry: EntryPoint) -> str:
 
 
 if __name__ == "__main__":
-    from vuca_nav.cli import main as run_command  # this module by its name, as the commands know it
-
-    sys.exit(run_command())
+    # By its name, as the commands know it: here it is __main__, another module.
+    sys.exit(importlib.import_module("vuca_nav.cli").main())

@@ -8,8 +8,6 @@ import subprocess
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
 LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "mujoco", "dm-control", "torch")
 """Libraries that compute, of which a machine is recorded with those that are installed."""
 
@@ -64,6 +62,8 @@ def machine() -> dict[str, Any]:
     CPU model, number of its cores, operating system, C library, Python version, NumPy's BLAS, and the versions of the
     libraries that compute.
     """
+    import numpy as np  # late: a command that only helps does without
+
     blas = np.show_config(mode="dicts")["Build Dependencies"]["blas"]
     return {
         "cpu": _cpu_model(),

@@ -18,7 +18,7 @@ FUSION = WEIGHTS_FOLDER / "fusion.safetensors"
         ("train.analysis.oracle", "--episodes 0", "--episodes must be 1 or more"),
         ("train.analysis.oracle", "--seed -1", "--seed 0 or more"),
         ("train.analysis.oracle", "--movers 9 3", "movers"),
-        ("train.analysis.bench.arena", "--kind foo", "paper or tracked, got 'foo'"),
+        ("train.analysis.bench.arena", "--kind foo", "paper or tracked or frames, got 'foo'"),
         ("train.analysis.bench.arena", "--threads 0", "--threads and --rows must be 1 or more"),
         ("train.analysis.bench.arena", "--seconds nan", "--seconds positive"),
         ("train.analysis.bench.learner", "--stage foo", "unknown policy 'foo'"),

@@ -163,7 +163,7 @@ def test_building_is_wide_enough_for_people_at_its_doors():
         (("static", 0), {"without": "X"}, BadArgument, "unknown difficulty 'X'"),
         (("square", 0), {"movers": 3, "without": "UV"}, BadArgument, "--movers 3 does not go with --without V"),
         (("static", 0), {"footprint_radius": 0.0}, BadArgument, "footprint radius"),
-        (("nowhere.yaml", 0), {}, BadWorld, "nowhere.yaml: No such file"),
+        (("nowhere.yaml", 0), {}, BadWorld, "nowhere.yaml cannot be read: No such file"),
         (("factory", 0), {"footprint_radius": 1.5}, BadWorld, "a smaller body"),
     ],
 )

@@ -123,7 +123,7 @@ class ArenaConfig:
         for names in (ALL_KINDS, BODY_KINDS):
             weights = [getattr(self, name) for name in names]
             if min(weights) < 0.0 or not 0.0 < sum(weights) < math.inf:
-                raise BadArgument(f"weights of {', '.join(names)} must be 0 or more and not all 0, got {weights}")
+                raise BadArgument(f"weights of {', '.join(names)} must be 0 or more, not all 0")
         check_ranges(self, "movers", "mover_speeds", "lengths")
         check_fields(self, f"at most {MOST_MOVERS}", lambda pair: pair[1] <= MOST_MOVERS, "movers")
         reached = f"in part beyond the {GOAL_TOLERANCE} m within which a goal counts as reached"

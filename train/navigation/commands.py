@@ -98,7 +98,7 @@ def _train(stage: StageConfig, arguments: NavigationArguments, command: str) -> 
     sources = tuple(arguments.out / source / f"{source}.safetensors" for source in stage.sources)
     workers = arguments.workers
     if workers is None:
-        workers = even_workers(stage.ppo, usable_cores())[-1]
+        workers = even_workers(stage, usable_cores())[-1]
     run = RunConfig(arguments.seed, workers, sources, command, arguments.collector)
     training = NavigationTraining(stage, run, arguments.out / stage.name, ArenaEnvironment, resume=arguments.resume)
     training.run()

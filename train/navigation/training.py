@@ -16,7 +16,7 @@ from torch.multiprocessing.spawn import ProcessExitedException, ProcessRaisedExc
 
 from train.arena.rewards import find_rewards
 from train.navigation.card import write_card
-from train.navigation.config import NavigationPpoConfig, RunConfig
+from train.navigation.config import RunConfig
 from train.navigation.environment import Environment, MakeEnvironment
 from train.navigation.learner import make_local_learner
 from train.navigation.networks import Actor
@@ -173,9 +173,10 @@ def _cause(error: ProcessRaisedException) -> Exception:
     return BadArgument(message) if mendable else error
 
 
-def even_workers(ppo: NavigationPpoConfig, most: int) -> list[int]:
-    """Numbers of workers, up to ``most``, that share out worlds and minibatches evenly; 1 always does."""
-    return [n for n in range(1, most + 1) if ppo.worlds % n == 0 and ppo.minibatch % n == 0]
+def even_workers(stage: StageConfig, most: int) -> list[int]:
+    """Numbers of workers, up to ``most``, that share out worlds, whole ones, and minibatches evenly; 1 always does."""
+    ppo, robots = stage.ppo, stage.arena.robots
+    return [n for n in range(1, most + 1) if ppo.worlds % (n * robots) == 0 and ppo.minibatch % n == 0] or [1]
 
 
 def check_run(stage: StageConfig, run: RunConfig) -> None:
@@ -192,7 +193,7 @@ def check_run(stage: StageConfig, run: RunConfig) -> None:
         )
     if run.collector == "ray" and importlib.util.find_spec("ray") is None:
         raise BadArgument(f"--collector ray needs Ray: {how_to_install('distributed')}")
-    even = even_workers(stage.ppo, most)
+    even = even_workers(stage, most)
     if run.workers not in even:
         raise BadArgument(
             f"--workers {run.workers} cannot share out {stage.ppo.worlds} worlds and minibatches of "

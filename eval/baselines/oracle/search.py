@@ -8,12 +8,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from eval.baselines.oracle.config import SearchConfig
 from eval.baselines.oracle.truth import Future, Outlines
 from vuca_nav.footprint import cover_by_discs
+from vuca_nav.kernel_cache import njit
 from vuca_nav.types import BodySpec, FloatArray, Pose2
 from worlds.clearance import ClearanceField
 from worlds.motion.movers import TICK_RATE

@@ -269,6 +269,7 @@ def test_the_lidar_tilts_with_the_body(walker):
     assert np.nanmin(level.ranges) > 5.0  # 30 m to the walls; the floor shows only where it leans by a degree or two
     half = math.radians(10.0)
     walker.data.qpos[3:7] = (math.cos(half), 0.0, math.sin(half), 0.0)  # nose down by 20 degrees
+    walker._ticks += 1  # the next scan is due
     scan, _ = walker._observe()
     ahead = len(scan.ranges) // 2
     seen = scan.ranges[ahead - 10 : ahead + 10]

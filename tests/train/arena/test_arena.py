@@ -219,7 +219,7 @@ def test_decisions_at_the_lidars_rate():
 def test_shares_are_drawn():
     arena = Arena(replace(SMALL, layouts=1), PAPER, 600, 0)
     arena.reset()
-    kinds = np.bincount(arena.gather("kind"), minlength=5) / 600
+    kinds = np.bincount(arena.gather("kind"), minlength=len(SMALL.shares)) / 600
     np.testing.assert_allclose(kinds, SMALL.shares, atol=0.07)
     bodies = np.bincount(np.minimum(arena.gather("body"), 2), minlength=3) / 600
     np.testing.assert_allclose(bodies, SMALL.body_shares, atol=0.07)

@@ -60,7 +60,7 @@ def test_actions_are_forward_and_within_the_limits():
     actor, _ = networks()
     mean = actor.act(torch.randn(200, FRAMES.size) * 5.0)
     assert mean.shape == (200, 2)
-    assert ((mean[:, 0] > 0.0) & (mean[:, 0] < 1.0) & (mean[:, 1].abs() < 1.0)).all()
+    assert ((mean[:, 0] >= 0.0) & (mean[:, 0] <= 1.0) & (mean[:, 1].abs() <= 1.0)).all()
     shares = actor.shares(torch.tensor([[-0.4, 1.7], [0.3, -0.2], [1.4, -3.0]]))
     assert shares.numpy() == pytest.approx(np.array([[0.0, 0.0, 1.0], [0.3, 0.0, -0.2], [1.0, 0.0, -1.0]]))
 
