@@ -80,6 +80,8 @@ def result_table(row: dict[str, Any]) -> str:
     )
     what = ", ".join([row["world"], *options, row["robot"], title_of(row["method"], row), f"seed {row['seed']}"])
     outcome = row["outcome"] + (f" with {row['collided_with']}" if row["collided_with"] else "")
+    why = row.get("contact") or row.get("failure")
+    outcome += f" ({why['class'].replace('_', ' ')})" if why else ""
     figures = (
         f"  {name:20} {'-' if row[name] is None else format(row[name], f'.{digits}f'):>10} {unit}".rstrip()
         for name, unit, digits in _TABLE

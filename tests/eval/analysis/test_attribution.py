@@ -111,22 +111,15 @@ def failed(tmp_path_factory):
 def test_an_explained_collision(failed, capsys):
     row, place = failed
     assert row["outcome"] == "collision"
-    explained = explain_row(row, place / "explained")
+    explained = explain_row(row | {"duration": 99.0}, place / "explained")
     assert "cylinder_0" in explained.text
     assert "inevitable: no way was found that survives" in explained.text
+    assert "the row, by other code or on another machine, has duration 99.0" in explained.text
     assert explained.row["t_inevitable"] is None
-    assert {key: explained.row[key] for key in ("contact", "duration")} == {
-        key: row[key] for key in ("contact", "duration")
-    }
+    assert [explained.row[key] for key in ("contact", "duration")] == [row[key] for key in ("contact", "duration")]
     assert Path(explained.row["picture"]).read_bytes().startswith(b"\x89PNG")
     assert Path(explained.row["recording"]).stat().st_size > 1000
     assert "searching a way from 0.5 s before" in capsys.readouterr().err
-
-
-def test_a_row_of_another_run_is_told(failed):
-    row, place = failed
-    explained = explain_row(row | {"duration": 99.0}, place / "other")
-    assert "the row, by other code or on another machine, has duration 99.0" in explained.text
 
 
 def row(seed, outcome="collision", **changes):
