@@ -2,10 +2,21 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import stats
 
-from eval.analysis.statistics import mcnemar_exact, mean, paired_difference, resampled_totals, wilson_interval
+from eval.analysis.statistics import (
+    holm,
+    interquartile_mean,
+    mcnemar_exact,
+    mcnemar_mid_p,
+    mean,
+    paired_difference,
+    paired_e_value,
+    resampled_totals,
+    wilson_interval,
+)
 
 
 @pytest.mark.parametrize(
@@ -130,6 +141,108 @@ def pairs(both: int, gained: int, lost: int, neither: int):
 )
 def test_exact_mcnemar(gained, lost, p):
     assert mcnemar_exact(*pairs(21, gained, lost, 12)) == pytest.approx(p, abs=5e-6)
+
+
+@pytest.mark.parametrize(
+    ("gained", "lost", "p"),
+    [
+        (0, 5, 0.03125),  # (2 - 1) / 2^5
+        (1, 5, 0.125),  # (2 (1 + 6) - 6) / 2^6
+        (9, 2, 0.03857),  # 0.06543 less 55 / 2^11
+        (3, 3, 0.84375),  # 1 - 20 / 2^7
+        (0, 0, 1.0),
+    ],
+)
+def test_mid_p_by_hand(gained, lost, p):
+    assert mcnemar_mid_p(*pairs(21, gained, lost, 12)) == pytest.approx(p, abs=5e-6)
+    assert mcnemar_mid_p(*pairs(3, lost, gained, 0)) == pytest.approx(p, abs=5e-6)
+
+
+@settings(deadline=None)
+@given(st.integers(0, 40), st.integers(0, 40))
+def test_mcnemar_as_of_scipy(gained, lost):
+    n = gained + lost
+    seen = pairs(1, gained, lost, 1)
+    exact = stats.binomtest(gained, n).pvalue if n else 1.0
+    assert mcnemar_exact(*seen) == pytest.approx(exact)
+    if gained != lost:  # Fagerland et al. 2013: less the probability of what was seen
+        assert mcnemar_mid_p(*seen) == pytest.approx(exact - stats.binom.pmf(gained, n, 0.5))
+    assert 0.0 < mcnemar_mid_p(*seen) <= exact
+
+
+@pytest.mark.parametrize("successes", [0, 3, 40, 97, 100])
+def test_wilson_as_of_scipy(successes):
+    expected = stats.binomtest(successes, 100).proportion_ci(method="wilson")
+    assert wilson_interval(successes, 100) == pytest.approx((expected.low, expected.high), abs=1e-12)
+
+
+def test_holm_by_hand():
+    # In order 0.01 x 4, 0.02 x 3, 0.03 x 2 (no less than the one before), 0.5.
+    assert holm([0.03, 0.01, 0.5, 0.02]) == pytest.approx([0.06, 0.04, 0.5, 0.06])
+    assert holm([0.6, 0.7]) == [1.0, 1.0]
+    assert holm([]) == []
+
+
+@pytest.mark.parametrize(
+    ("gained", "lost", "e"),
+    [
+        (0, 0, 1.0),
+        (1, 0, 1.0),  # 2 B(3/2, 1/2) / B(1/2, 1/2) = 2 / 2
+        (2, 0, 1.5),  # 4 x (1/2 x 3/2) / (1 x 2)
+        (1, 1, 0.5),  # 4 x (1/2 x 1/2) / (1 x 2)
+        (8, 0, 2**8 * 6435 / 32768),  # the Wallis product of 1/2, 3/4, ... 15/16
+    ],
+)
+def test_e_value_by_hand(gained, lost, e):
+    assert paired_e_value(gained, lost) == pytest.approx(e)
+    assert paired_e_value(lost, gained) == pytest.approx(e)
+
+
+def test_e_value_is_a_mixture_of_likelihood_ratios():
+    """Integrated over the arcsine distribution by scipy; and a fair game: what is next neither gains nor loses."""
+    mixed = stats.beta(0.5, 0.5).expect(lambda share: (2 * share) ** 7 * (2 * (1 - share)) ** 3)
+    assert paired_e_value(7, 3) == pytest.approx(mixed)
+    for b in range(6):
+        for c in range(6):
+            assert (paired_e_value(b + 1, c) + paired_e_value(b, c + 1)) / 2 == pytest.approx(paired_e_value(b, c))
+    assert math.isfinite(paired_e_value(5000, 0))
+
+
+def test_looking_after_every_pair_rarely_misleads():
+    rng, wrong, wrong_by_p = np.random.default_rng(0), 0, 0
+    for _ in range(200):
+        gained, n = np.cumsum(rng.random(100) < 0.5), np.arange(1, 101)
+        wrong += any(paired_e_value(b, c) >= 20.0 for b, c in zip(gained.tolist(), (n - gained).tolist()))
+        wrong_by_p += (2 * stats.binom.cdf(np.minimum(gained, n - gained), n, 0.5) <= 0.05).any()
+    assert wrong <= 10  # 5% of 200
+    assert wrong_by_p > 20  # what the p-value would do
+
+
+def test_interquartile_mean_by_hand():
+    # Of 9 values int(9 / 4) = 2 are left out at each end: 2, 3, 4, 5, 6 stay.
+    found = interquartile_mean([np.array([0.0, 1.0, 2.0, 100.0]), np.array([3.0, 4.0, 5.0, 6.0, 50.0])])
+    assert found is not None
+    assert found.value == pytest.approx(4.0)
+    assert found.low < 4.0 < found.high
+    assert interquartile_mean([np.array([])]) is None
+    assert interquartile_mean([np.array([7.0])]) == (7.0, 7.0, 7.0)
+
+
+def test_the_bootstrap_keeps_to_its_strata_and_to_scipy():
+    """Strata without spread give an interval without width, which draws over all values would not."""
+    still = [np.full(20, value) for value in (0.0, 1.0, 4.0)]
+    assert interquartile_mean(still) == pytest.approx(
+        (4 / 3, 4 / 3, 4 / 3)
+    )  # 15 of 60 go at each end: 5, 20 and 5 are left
+    values = np.random.default_rng(1).gamma(2.0, size=60)
+    expected = stats.bootstrap(
+        (values,), lambda x, axis: stats.trim_mean(x, 0.25, axis=axis), method="percentile",
+        n_resamples=4000, rng=np.random.default_rng(2),
+    ).confidence_interval  # fmt: skip
+    found = interquartile_mean([values])
+    assert found is not None
+    assert (found.low, found.high) == pytest.approx((expected.low, expected.high), abs=0.05)
+    assert interquartile_mean([values[::-1]]) == found
 
 
 def test_resampled_totals():
