@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from robots.noise import NoiseConfig
 from robots.registry import make_body
 from robots.scene_camera import SceneCamera
-from robots.simulation import Simulation
+from robots.simulation import Rates, Simulation
 from vuca_nav.errors import BadArgument
 from vuca_nav.geometry import distance
 from vuca_nav.policy.observation import command_from_action, limits_of
@@ -91,11 +91,11 @@ class NavigationEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         if render_mode not in (None, "rgb_array"):
             raise BadArgument(f"render_mode {render_mode!r}: None or 'rgb_array' would be right")
         self._robot, self._body = robot, make_body(robot)
-        spec, lidar = self._body.spec, self._body.lidar
-        if rate < 1 or round(lidar.rate) % rate:
-            raise BadArgument(f"rate {rate} Hz: one that divides the lidar's {lidar.rate:g} Hz would be right")
+        spec, lidar, ticks = self._body.spec, self._body.lidar, Rates().tick
+        if rate < 1 or ticks % rate:
+            raise BadArgument(f"rate {rate} Hz: one that divides the simulation's {ticks} Hz would be right")
         self._name, self._region, self._movers = world, region, movers
-        self._scans, self._tolerance, self._noise = round(lidar.rate) // rate, tolerance, noise or NoiseConfig()
+        self._scans, self._tolerance, self._noise = ticks // rate, tolerance, noise or NoiseConfig()
         self._make_world(0)  # an unknown name is reported at once
         self.render_mode, self.metadata = render_mode, {**self.metadata, "render_fps": rate}
         self._camera = None if render_mode is None else SceneCamera()
