@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from eval.baselines.move_base.config import MoveBaseConfig
+from eval.baselines.move_base.config import LayersConfig, MoveBaseConfig
 from eval.baselines.move_base.stack import MoveBase
 from eval.baselines.oracle.config import OracleConfig
 from eval.baselines.oracle.stack import Oracle
@@ -27,7 +27,7 @@ from vuca_nav.exploration.heuristic import NoCritic
 from vuca_nav.mapping.slam import SlamConfig
 from vuca_nav.navigator import Navigator, NavigatorConfig
 from vuca_nav.policy.base import LocalPolicy
-from vuca_nav.policy.dynamic_window import DynamicWindow
+from vuca_nav.policy.dynamic_window import DynamicWindow, DynamicWindowConfig
 from vuca_nav.policy.learned import LearnedPolicy
 from vuca_nav.policy.network import Gate, PolicyNetwork
 from vuca_nav.policy.weights_file import WEIGHTS_FOLDER, PolicyWeights, load_weights
@@ -51,6 +51,13 @@ class Method(NamedTuple):
 PAPER_GAMMA = 2.0
 """Weight of V^h in ``paper``, without dimension: the best of the sweep in docs/results/tuning-paper.md, whose
 differences are within chance."""
+
+
+TUNED_MOVE_BASE = MoveBaseConfig(
+    layers=LayersConfig(inflation_radius=0.9, cost_scaling=4.0),
+    window=DynamicWindowConfig(comfort=0.6, comfort_weight=1.5, horizon=2.6),
+)
+"""The best set of the sweep in docs/results/tuning-move_base.md."""
 
 
 def _network(weights: str, **changes: Any) -> MethodConfig:
@@ -83,9 +90,9 @@ METHODS: dict[str, Method] = {
     ),
     "move_base": Method(
         "ROS's move_base: straight to the goal, the unknown taken as free; layered costmap, dynamic window, recoveries",
-        MoveBaseConfig(),
+        TUNED_MOVE_BASE,
     ),
-    "move_base+dh": Method("the same, with frontiers by D^h", MoveBaseConfig(explorer=PAPER_EXPLORER)),
+    "move_base+dh": Method("the same, with frontiers by D^h", replace(TUNED_MOVE_BASE, explorer=PAPER_EXPLORER)),
     "oracle": Method(
         "upper bound: knows the true map, its pose and the movers' future; a search through space and time",
         OracleConfig(),

@@ -78,9 +78,8 @@ def built(name: str, **options) -> Navigator:
 
 def test_the_table():
     assert list(METHODS) == [
-        "dwa-dh", "ours", "ours-dh", "paper", "paper-dh", "move_base", "move_base+dh", "oracle", "oracle-map",
-        "go-straight",
-        "obstacle-avoidance", "single", "fusion", "fusion-plus", "single-plus", "drl",
+        "dwa-dh", "ours", "ours-dh", "paper", "paper-dh", "move_base", "move_base+dh", "oracle",
+        "oracle-map", "go-straight", "obstacle-avoidance", "single", "fusion", "fusion-plus", "single-plus", "drl",
     ]  # fmt: skip
     assert resolve("dwa-dh") == MethodConfig("dynamic-window")
     assert resolve("ours").row() == {
