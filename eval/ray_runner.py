@@ -43,7 +43,7 @@ def run_on_ray(
             address or "local", log_to_driver=False, logging_level=logging.WARNING,
             runtime_env={"env_vars": dict.fromkeys(THREAD_VARIABLES, "1")}, **local,
         )  # fmt: skip
-    except ConnectionError as error:
+    except (ConnectionError, ray.exceptions.RayError) as error:
         raise BadArgument(f"RAY_ADDRESS={address}: {error}; the address of a running cluster would be right") from error
     try:
         yield from _run(ray, configs, workers, job)

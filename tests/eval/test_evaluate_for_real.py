@@ -12,7 +12,7 @@ import pytest
 
 from eval.metrics import TIMING_FIELDS
 
-COMMAND = [sys.executable, "-m", "vuca_nav.cli", "eval", "smoke", "--seeds", "0:1"]
+COMMAND = [sys.executable, "-m", "vuca_nav.cli", "eval", "smoke", "--method", "ours-dh,move_base", "--episodes", "4"]
 EPISODES = 4
 
 
