@@ -159,12 +159,13 @@ class CompareArguments:
 
 @dataclass(frozen=True, kw_only=True)
 class ReportArguments:
-    """Write a Markdown page for each evaluation, and an index with their paired differences."""
+    """Write a report of evaluations: one HTML page, Markdown, tables as CSV, figures, the paper's claims answered."""
 
     folders: tyro.conf.Positional[tuple[Path, ...]]
     """Directories of vuca eval, complete or not, or files of kept rows; their names name the pages."""
     out: Path
-    """Directory of the pages, as docs/results; pages of the same names are written over."""
+    """Directory of the report, as docs/results: report.html, index.md with a page for each evaluation, tables/ and
+    figures/; files of the same names are written over."""
     rows: bool = False
     """Keep the rows in OUT/rows as well, a compressed file for each suite, robot and method; going on with an
     evaluation adds to them."""

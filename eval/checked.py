@@ -60,6 +60,9 @@ ROW_KINDS: Mapping[str, Kind] = {
     "method": TEXT,
     "outcome": TEXT,
     "way": TEXT.or_none(),
+    "bits": TEXT.or_none(),
+    "contact": OBJECT.or_none(),
+    "failure": OBJECT.or_none(),
 }
 """Fields of a row; the numbers of its metrics are checked by ``eval.analysis.summary.is_result``."""
 CONFIG_KINDS: Mapping[str, Kind] = {

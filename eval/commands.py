@@ -140,15 +140,15 @@ def compare(argv: list[str]) -> int:
 
 
 def report(argv: list[str]) -> int:
-    """Write a Markdown page for each evaluation, and an index with their paired differences."""
+    """Write a report of evaluations: one HTML page, Markdown, tables as CSV, figures, the paper's claims answered."""
     arguments = parse(ReportArguments, "report", argv)
-    from eval.analysis.report import write_reports
+    from eval.analysis.report.pages import write_reports
     from eval.kept import keep_rows
 
     if not arguments.folders:
         raise BadArgument("give one or more directories of vuca eval")
     written = write_reports(arguments.folders, arguments.out)
-    show(f"{len(written)} pages: {written[0]}")
+    show(f"{len(written)} files: {written[0]}, {written[1]}")
     if arguments.rows:
         kept = keep_rows(arguments.folders, arguments.out / "rows")
         show(f"{len(kept)} files of rows: {arguments.out / 'rows'}")

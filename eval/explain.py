@@ -64,6 +64,14 @@ def find_row(source: Path, seed: int | None, filters: dict[str, Any]) -> Row:
     return row
 
 
+def name_of_files(row: Row) -> str:
+    """Name of the recording and of the picture of an episode, without their endings."""
+    world = str(row["world"])
+    place = Path(world).stem if world.endswith((".yaml", ".yml")) else world
+    parts = (place, row.get("region"), row["robot"], row["method"], row["seed"])
+    return "-".join(str(part).replace("/", "-").replace(":", "-") for part in parts if part is not None)
+
+
 def explain_row(row: Row, out: Path) -> Explained:
     """Run the episode of a row again, and say why it failed.
 
@@ -79,9 +87,7 @@ def explain_row(row: Row, out: Path) -> Explained:
 
     config = config_of(row)
     prepare_directory(out)
-    place = Path(config.world).stem if config.world.endswith((".yaml", ".yml")) else config.world
-    parts = (place, config.region, config.robot, config.method, config.seed)
-    name = "-".join(str(part).replace("/", "-").replace(":", "-") for part in parts if part is not None)
+    name = name_of_files(row)
     recording, picture = out / f"{name}.rrd", out / f"{name}.png"
     method = title_of(config.method, config.options.given())
     telemetry = RerunTelemetry.record(recording, title=f"{config.world}, {config.robot}, {method}, seed {config.seed}")

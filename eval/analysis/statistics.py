@@ -155,7 +155,7 @@ class Estimate(NamedTuple):
 
 
 def interquartile_mean(strata: Sequence[NDArray[np.floating]], draws: int = 2000) -> Estimate | None:
-    """Mean of the middle half of all values, with the interval of a stratified bootstrap (Agarwal et al. 2021, rliable).
+    """Mean of the middle half of all values and its interval by a stratified bootstrap (rliable, Agarwal et al. 2021).
 
     Of n values the int(n / 4) smallest and as many of the greatest are left out. Each draw takes from each stratum as
     many values as it has, with replacement; the interval is that of the draws' 2.5 and 97.5% quantiles. The draws are

@@ -3,7 +3,7 @@ from dataclasses import replace
 
 import pytest
 
-from eval.analysis.report import write_reports
+from eval.analysis.report.pages import write_reports
 from eval.commands import report
 from eval.episode import EpisodeConfig
 from eval.methods import MethodOptions
@@ -71,20 +71,22 @@ def test_all_machines_of_an_evaluation_are_named(two, tmp_path):
 
 def test_the_index_compares_what_shares_episodes(two, tmp_path):
     apart = evaluation(tmp_path / "tiago", replace(BARE, robot="tiago"), ["success"])
-    assert [path.name for path in write_reports([*two, apart], tmp_path / "out")] == [
-        "index.md", "bare.md", "ours.md", "tiago.md",
-    ]  # fmt: skip
+    written = write_reports([*two, apart], tmp_path / "out")
+    assert [path.name for path in written if path.suffix == ".md"] == ["index.md", "bare.md", "ours.md", "tiago.md"]
     index = (tmp_path / "out" / "index.md").read_text()
     assert "| [bare](bare.md) | crowd | go2 | `dwa-dh` | 8 | 2 [7, 59%] |" in index
-    assert [line for line in index.splitlines() if line.startswith("## ")] == ["## ours against bare"]
-    # Six of eight pairs go to the second: p = 2 / 2^6.
-    (line,) = [line for line in index.splitlines() if line.startswith("| go2, square, 8 movers | 8 | +75 [")]
-    assert ", p = 0.031 |" in line
+    # Six of eight pairs go to the second: p = 2 / 2^6, mid-p 1 / 2^6, and Holm has one hypothesis.
+    start = "| square, 8 movers | go2 | ours --gamma 0.0 | dwa-dh | 8 | 6 | 0 | +75 ["
+    (line,) = [line for line in index.splitlines() if line.startswith(start)]
+    assert "] | 0.0312 | 0.0156 | 0.0312 | 14.4 | -75 [" in line  # E = 2^6 (1/2 3/4 5/6 7/8 9/10 11/12)
 
 
 def test_the_same_directories_give_the_same_bytes(two, tmp_path):
     written = [
-        {path.name: path.read_bytes() for path in write_reports(directories, tmp_path / out)}
+        {
+            str(path.relative_to(tmp_path / out)): path.read_bytes()
+            for path in write_reports(directories, tmp_path / out)
+        }
         for directories, out in ((two, "a"), (two[::-1], "b"))
     ]
     assert written[0] == written[1]
@@ -94,7 +96,8 @@ def test_the_command_tells_what_it_wrote(two, tmp_path, capsys):
     out = tmp_path / "out"
     assert report([str(two[0]), "--out", str(out), "--json"]) == 0
     told = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert told == {"files": [str(out / "index.md"), str(out / "bare.md")]}
+    assert told["files"][:3] == [str(out / "index.md"), str(out / "report.html"), str(out / "bare.md")]
+    assert {path for path in map(str, out.rglob("*.*"))} == set(told["files"])
 
 
 def test_what_is_no_evaluation_is_said(two, tmp_path):

@@ -1,0 +1,1 @@
+"""``vuca report``: evaluations as Markdown pages, as CSV tables and as one HTML page."""
