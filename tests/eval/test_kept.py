@@ -8,7 +8,7 @@ import pytest
 
 from eval import kept
 from eval.analysis.compare import read_methods
-from eval.analysis.report import read_evaluation
+from eval.analysis.report.cells import read_evaluation
 from eval.commands import report
 from eval.episode import EpisodeConfig
 from eval.methods import MethodOptions

@@ -60,7 +60,7 @@ def figures_of(cells: Sequence[Cell]) -> list[Picture]:
     for robot in unique(cell.robot for cell in cells):
         here = [cell for cell in cells if cell.robot == robot]
         colours = {method: COLOURS[k % len(COLOURS)] for k, method in enumerate(unique(cell.method for cell in here))}
-        with matplotlib.rc_context(STYLE):
+        with matplotlib.rc_context(STYLE):  # pyright: ignore[reportArgumentType]
             pictures += _metrics(robot, [cell for cell in here if cell.is_plain] or here, colours)
             pictures += _contacts(robot, here)
             pictures += _dials(robot, here, colours)

@@ -3,7 +3,7 @@
 import csv
 import io
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from eval.analysis.statistics import Estimate, wilson_interval
 from vuca_nav.data_files import shown
@@ -96,7 +96,9 @@ def as_csv(table: Table) -> str:
         values = [row[k] for row in table.rows]
         if any(isinstance(value, Share) for value in values):
             header += [column.title, f"{column.title}: of", f"{column.title}: low", f"{column.title}: high"]
-            cells = [[v.count, v.of, *v.estimate[1:]] if isinstance(v, Share) else [v, "", "", ""] for v in values]
+            cells: list[list[Any]] = [
+                [v.count, v.of, *v.estimate[1:]] if isinstance(v, Share) else [v, "", "", ""] for v in values
+            ]
         elif any(isinstance(value, Estimate) for value in values):
             header += [column.title, f"{column.title}: low", f"{column.title}: high"]
             cells = [list(v) if isinstance(v, Estimate) else [v, "", ""] for v in values]

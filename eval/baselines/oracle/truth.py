@@ -13,7 +13,7 @@ from vuca_nav.types import FloatArray, Pose2
 from worlds.arrays import ShapeArrays
 from worlds.clearance import ClearanceField
 from worlds.motion.movers import TICK_RATE, MoverField
-from worlds.world import SocialForce, World
+from worlds.world import World
 
 CROWD_FORESIGHT = 10.0
 """Time for which the motion of pedestrians is foreseen, the robot taken to stand where it is [s]."""
@@ -39,7 +39,7 @@ class Truth(NamedTuple):
     @property
     def reacts(self) -> bool:
         """Whether a mover reacts to the robot, so that its future is not known."""
-        return any(isinstance(mover.motion, SocialForce) for mover in self.world.movers)
+        return any(mover.sees_robot for mover in self.world.movers)
 
 
 class Outlines(NamedTuple):

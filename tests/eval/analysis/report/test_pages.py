@@ -97,7 +97,7 @@ def test_the_command_tells_what_it_wrote(two, tmp_path, capsys):
     assert report([str(two[0]), "--out", str(out), "--json"]) == 0
     told = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert told["files"][:3] == [str(out / "index.md"), str(out / "report.html"), str(out / "bare.md")]
-    assert {path for path in map(str, out.rglob("*.*"))} == set(told["files"])
+    assert set(map(str, out.rglob("*.*"))) == set(told["files"])
 
 
 def test_what_is_no_evaluation_is_said(two, tmp_path):
