@@ -3,7 +3,7 @@
 import csv
 import io
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from eval.analysis.statistics import Estimate, wilson_interval
 from vuca_nav.data_files import shown
@@ -96,7 +96,7 @@ def as_csv(table: Table) -> str:
         values = [row[k] for row in table.rows]
         if any(isinstance(value, Share) for value in values):
             header += [column.title, f"{column.title}: of", f"{column.title}: low", f"{column.title}: high"]
-            cells: list[list[Any]] = [
+            cells: list[list[Value]] = [
                 [v.count, v.of, *v.estimate[1:]] if isinstance(v, Share) else [v, "", "", ""] for v in values
             ]
         elif any(isinstance(value, Estimate) for value in values):
@@ -108,6 +108,6 @@ def as_csv(table: Table) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(header)
-    for cells in zip(*parts, strict=True):
-        writer.writerow(["" if v is None else v for cell in cells for v in cell])
+    for row in zip(*parts, strict=True):
+        writer.writerow(["" if v is None else v for cells in row for v in cells])
     return text.getvalue()
