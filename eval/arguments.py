@@ -197,8 +197,11 @@ class ExplainArguments:
     """Its factor on their speeds."""
     sighted: Annotated[float | None, _optional("SHARE")] = None
     """Its share of them that see the robot."""
+    all: bool = False
+    """Find the last avoidable moment of every collision there is, without recordings and pictures; run again, it goes
+    on where it was."""
     out: Annotated[Path | None, _optional("DIR")] = None
-    """Directory of the recording and the picture; by default "explained" beside the rows."""
+    """Directory of the recording and the picture, or of all moments; by default "explained" beside the rows."""
     json: bool = False
     """End with one JSON object on stdout: the row, t_inevitable, and the files written."""
 

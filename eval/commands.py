@@ -160,11 +160,22 @@ def report(argv: list[str]) -> int:
 def explain(argv: list[str]) -> int:
     """Say why an episode failed: its contact, the last moment at which it was avoidable, a recording, a picture."""
     arguments = parse(ExplainArguments, "explain", argv)
-    from eval.explain import explain_row, find_row
+    from eval.explain import explain_row, find_row, find_rows
 
-    row = find_row(arguments.source, arguments.seed, arguments.filters())
     beside = arguments.source if arguments.source.is_dir() else arguments.source.parent
-    explained = explain_row(row, arguments.out or beside / "explained")
+    out = arguments.out or beside / "explained"
+    if arguments.all:
+        from eval.analysis.moments import find_moments, moments_table
+        from eval.analysis.report.tables import markdown
+
+        if arguments.seed is not None:
+            raise BadArgument("--all explains the collisions of all seeds; leave SEED out")
+        moments = find_moments(find_rows(arguments.source, arguments.filters()), out)
+        show("\n".join(markdown(moments_table(moments))))
+        _print_json({"moments": moments}, arguments.json)
+        return 0
+    row = find_row(arguments.source, arguments.seed, arguments.filters())
+    explained = explain_row(row, out)
     print(explained.text)
     _print_json(explained.row, arguments.json)
     return 0

@@ -12,6 +12,7 @@ from eval.analysis.attribution import explain as run_again
 from eval.episode import CONFIG_FIELDS
 from eval.methods import title_of
 from eval.progress import ProgressLine
+from eval.recordings import file_name
 from eval.store import Row
 from vuca_nav.errors import BadArgument
 from vuca_nav.files import prepare_directory
@@ -28,6 +29,26 @@ class Explained:
     """The answer in words."""
     row: Row
     """The row of the run now, ``t_inevitable``, and the files."""
+
+
+def find_rows(source: Path, filters: dict[str, Any]) -> list[Row]:
+    """The rows of episodes.
+
+    Args:
+        source: Directory of an evaluation, or a file with rows among other lines.
+        filters: Fields that the rows must have.
+
+    Raises:
+        BadArgument: There are none.
+    """
+    path = source / "episodes.jsonl" if source.is_dir() else source
+    rows = [row for row in _read(path) if all(row.get(key) == value for key, value in filters.items())]
+    if not rows:
+        asked = ", ".join(f"{key} {value}" for key, value in filters.items())
+        raise BadArgument(
+            f"{path} has no rows of episodes{' of ' if asked else ''}{asked}; give the directory of a vuca eval"
+        )
+    return rows
 
 
 def find_row(source: Path, seed: int | None, filters: dict[str, Any]) -> Row:
@@ -64,14 +85,6 @@ def find_row(source: Path, seed: int | None, filters: dict[str, Any]) -> Row:
     return row
 
 
-def name_of_files(row: Row) -> str:
-    """Name of the recording and of the picture of an episode, without their endings."""
-    world = str(row["world"])
-    place = Path(world).stem if world.endswith((".yaml", ".yml")) else world
-    parts = (place, row.get("region"), row["robot"], row["method"], row["seed"])
-    return "-".join(str(part).replace("/", "-").replace(":", "-") for part in parts if part is not None)
-
-
 def explain_row(row: Row, out: Path) -> Explained:
     """Run the episode of a row again, and say why it failed.
 
@@ -87,8 +100,8 @@ def explain_row(row: Row, out: Path) -> Explained:
 
     config = config_of(row)
     prepare_directory(out)
-    name = name_of_files(row)
-    recording, picture = out / f"{name}.rrd", out / f"{name}.png"
+    recording = out / file_name(row)
+    picture = recording.with_suffix(".png")
     method = title_of(config.method, config.options.given())
     telemetry = RerunTelemetry.record(recording, title=f"{config.world}, {config.robot}, {method}, seed {config.seed}")
 

@@ -8,9 +8,9 @@ from typing import NamedTuple
 from eval import contact, failure
 from eval.analysis.report.cells import Cell, Evaluation
 from eval.analysis.report.tables import Column, Table, Value
-from eval.explain import name_of_files
 from eval.kept import SUFFIX
 from eval.methods import is_users_own, title_of
+from eval.recordings import file_name
 from eval.store import Row
 
 
@@ -59,7 +59,7 @@ class Failed(NamedTuple):
             *shlex.split(title_of(self.row["method"], self.row)),
         ]
         words += ["--trust"] * is_users_own(self.row["method"])
-        return shlex.join([*words, "--record", f"{name_of_files(self.row)}.rrd"])
+        return shlex.join([*words, "--record", file_name(self.row)])
 
 
 def failed_episodes(cells: Sequence[Cell]) -> list[Failed]:
@@ -105,7 +105,7 @@ def in_detail(row: Row) -> str:
 
 def _picture(evaluation: Evaluation, row: Row) -> Path:
     beside = evaluation.source if evaluation.source.is_dir() else evaluation.source.parent
-    return beside / "explained" / f"{name_of_files(row)}.png"
+    return (beside / "explained" / file_name(row)).with_suffix(".png")
 
 
 def _flags(row: Row, names: Sequence[str]) -> list[str]:

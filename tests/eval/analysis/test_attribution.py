@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from eval.analysis.attribution import SURVIVED, config_of, last_avoidable_moment, trace
+from eval.commands import explain as explain_command
 from eval.episode import Episode, EpisodeConfig, run_episode
 from eval.explain import explain_row, find_row
 from eval.methods import MethodOptions
@@ -120,6 +121,23 @@ def test_an_explained_collision(failed, capsys):
     assert Path(explained.row["picture"]).read_bytes().startswith(b"\x89PNG")
     assert Path(explained.row["recording"]).stat().st_size > 1000
     assert "searching a way from 0.5 s before" in capsys.readouterr().err
+
+
+def test_all_collisions_of_an_evaluation(failed, tmp_path, capsys):
+    row, _ = failed
+    folder = rows_in(tmp_path / "ev", row | {"outcome": "success", "seed": 7}, row)
+    assert explain_command([str(folder), "--all", "--json"]) == 0
+    told = capsys.readouterr().out.splitlines()
+    (moment,) = json.loads(told[-1])["moments"]
+    assert (moment["seed"], moment["t_inevitable"], moment["is_repeated"]) == (row["seed"], None, True)
+    assert moment["contact"] == row["contact"]
+    assert told[-2].endswith("| 1 | 0 | 0 | 0 | 0 | 0 | 1 |")
+    file = folder / "explained" / "moments.jsonl"
+    file.write_text(file.read_text().replace('"t_inevitable": null', '"t_inevitable": 1.5'))
+    assert explain_command([str(folder), "--all"]) == 0  # what is known is not searched again
+    assert capsys.readouterr().out.splitlines()[-1].endswith("| 1 | 0 | 0 | 1 | 0 | 0 | 0 |")
+    with pytest.raises(BadArgument, match="leave SEED out"):
+        explain_command([str(folder), "7", "--all"])
 
 
 def row(seed, outcome="collision", **changes):
