@@ -120,13 +120,13 @@ _ALL = (
         name="drl-circle",
         about="The first stage of Long et al. as publicly reproduced: 24 robots cross a circle.",
         rewards=DRL, arena=_DRL_CIRCLE, observation=_FRAMES,
-        network=NetworkConfig(architecture="convolutional", initial_std=0.5), ppo=_DRL_FIRST, steps=500_000,
+        network=NetworkConfig(architecture="convolutional", initial_std=0.5), ppo=_DRL_FIRST, steps=2_000_000,
     ),
     StageConfig(
         name="drl",
         about="The baseline of Long et al. as publicly reproduced, second stage: 44 robots in a hall of mixed ground.",
         rewards=DRL, arena=_DRL_HALL, observation=_FRAMES,
-        network=NetworkConfig(architecture="convolutional", initial_std=0.25), ppo=_DRL_SECOND, steps=400_000,
+        network=NetworkConfig(architecture="convolutional", initial_std=0.25), ppo=_DRL_SECOND, steps=2_000_000,
         sources=("drl-circle",),
     ),
 )  # fmt: skip
