@@ -13,7 +13,7 @@ import shlex
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
-from eval.analysis.report.cells import Cell
+from eval.analysis.report.cells import Cell, unique
 from eval.analysis.report.results import ended, find, later
 from eval.analysis.report.tables import Column, Share, Table, Value
 from eval.analysis.statistics import Estimate, paired_difference
@@ -217,8 +217,8 @@ def claims_table(cells: Sequence[Cell], claims: Sequence[Claim] = CLAIMS) -> Tab
     found = [(claim, robot, answer(claim, cells, robot)) for claim in claims for robot in robots]
     lacking: dict[tuple[str, str], list[str]] = {}
     for claim, robot, findings in found:
-        methods = lacking.setdefault((claim.suite, robot), [])
-        methods += [name for finding in findings for name, _ in finding.missing if name not in methods]
+        names = [name for finding in findings for name, _ in finding.missing]
+        lacking[claim.suite, robot] = unique([*lacking.get((claim.suite, robot), []), *names])
     rows: list[list[Value]] = []
     for claim, robot, findings in found:
         told = "; ".join(_words(finding) for finding in findings)
@@ -234,14 +234,14 @@ def _words(finding: Finding) -> str:
     if estimate is None:
         return f"{comparison.words}: no rows"
     alone = len(comparison.methods) == 1
-    unit = "s" if comparison.measure == "time" else "%" if alone else "points"
-    scale, sign, digits = (1.0, "+", 1) if unit == "s" else (100.0, "" if alone else "+", 0)
+    unit = " s" if comparison.measure == "time" else "%" if alone else " points"
+    scale, sign, digits = (1.0, "+", 1) if unit == " s" else (100.0, "" if alone else "+", 0)
     value, low, high = (f"{scale * part + 0.0:{sign}.{digits}f}" for part in estimate)
     holds = {True: "holds", False: "fails", None: "not decided"}[finding.holds]
     bound = f" (claimed: {'more' if comparison.more else 'less'} than {100 * comparison.bound:g}%)" if alone else ""
     few = f", without {', '.join(f'{m} in {place}' for m, place in finding.missing)}" if finding.missing else ""
     what = "episodes" if alone else "pairs"
-    return f"{comparison.words}: {value} [{low}, {high}] {unit}{bound} in {finding.n} {what}{few}: {holds}"
+    return f"{comparison.words}: {value}{unit} [{low}, {high}]{bound} in {finding.n} {what}{few}: {holds}"
 
 
 def _command(suite: str, robot: str, methods: Sequence[str]) -> str:

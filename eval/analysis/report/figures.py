@@ -2,6 +2,7 @@
 
 import io
 import re
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
@@ -62,7 +63,7 @@ def figures_of(cells: Sequence[Cell]) -> list[Picture]:
         colours = {method: COLOURS[k % len(COLOURS)] for k, method in enumerate(unique(cell.method for cell in here))}
         with matplotlib.rc_context(STYLE):  # pyright: ignore[reportArgumentType]
             pictures += _metrics(robot, [cell for cell in here if cell.is_plain] or here, colours)
-            pictures += _contacts(robot, here)
+            pictures += _contacts(robot, [cell for cell in here if cell.is_plain] or here)
             pictures += _dials(robot, here, colours)
             pictures += _without(robot, here, colours)
     return pictures
@@ -106,7 +107,7 @@ def _contacts(robot: str, cells: Sequence[Cell]) -> list[Picture]:
     ]
     axes.plot(own, places, "|", color=INK, markersize=11, markeredgewidth=2, label="own")
     axes.set_yticks(places, [_label(f"{cell.method}, {cell.place}") for cell in members])
-    axes.invert_yaxis()
+    axes.set_ylim(len(members) - 0.5, -0.5)
     axes.set_xlim(0.0, 100.0)
     axes.set_xlabel("share of the episodes [%]")
     figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=7)
@@ -144,7 +145,7 @@ def _dials(robot: str, cells: Sequence[Cell], colours: dict[str, str]) -> list[P
 
 
 def _over(cells: Sequence[Cell], dial: str) -> list[Cell]:
-    """The cells in which that dial alone is turned, in its order; none unless there are several values."""
+    """The cells in which that dial alone is turned, in its order, of the methods that met several of its values."""
     plain = {"movers": None, "speed": 1.0, "sighted": None, "without": "", "start": None, "goal": None}
     others = {name: value for name, value in plain.items() if name != dial}
     found = [
@@ -153,7 +154,8 @@ def _over(cells: Sequence[Cell], dial: str) -> list[Cell]:
         if cell.task[dial] is not None and all(cell.task[name] == value for name, value in others.items())
     ]
     found.sort(key=lambda cell: cell.task[dial])
-    return found if len({cell.task[dial] for cell in found}) > 1 else []
+    count = Counter(cell.method for cell in found)
+    return [cell for cell in found if count[cell.method] > 1]
 
 
 def _without(robot: str, cells: Sequence[Cell], colours: dict[str, str]) -> list[Picture]:
@@ -197,13 +199,15 @@ def _bars(
     colours: dict[str, str],
 ) -> None:
     """Bars in groups, a method each, with their intervals."""
-    width = 0.8 / len(methods)
-    for k, method in enumerate(methods):
-        points = [(i, found.get((group, method))) for i, group in enumerate(groups)]
-        known = [(i - 0.4 + (k + 0.5) * width, estimate) for i, estimate in points if estimate is not None]
-        x, heights = [place for place, _ in known], [estimate.value for _, estimate in known]
-        style = {"ecolor": INK, "elinewidth": 0.9, "capsize": 1.5}
-        axes.bar(x, heights, width, color=colours[method], yerr=_errors(e for _, e in known), error_kw=style)
+    there = {group: [method for method in methods if found.get((group, method)) is not None] for group in groups}
+    width = 0.84 / max([1, *map(len, there.values())])
+    style = {"ecolor": INK, "elinewidth": 0.9, "capsize": 1.5}
+    for i, group in enumerate(groups):
+        for k, method in enumerate(there[group]):
+            estimate = found[group, method]
+            if estimate is not None:
+                x = i + (k - 0.5 * (len(there[group]) - 1)) * width
+                axes.bar(x, estimate.value, width, color=colours[method], yerr=_errors([estimate]), error_kw=style)
     axes.set_xticks(range(len(groups)), [_label(group) for group in groups])
 
 

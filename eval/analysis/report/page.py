@@ -50,6 +50,7 @@ def html_page(
         lstrip_blocks=True,
     )
     environment.filters |= {"shown": lambda text: shown(text, 1000), "in_detail": _in_detail, "png": _png}
+    environment.filters["parts"] = lambda text: text.replace("`", "").split("; ")
     environment.filters["inline"] = lambda picture: Markup(picture.inline)
     groups = [
         _Group(f"{cell.method} on {cell.robot} in {cell.place}", len(members), members[:MOST_SHOWN])

@@ -49,8 +49,8 @@ def write_reports(directories: Sequence[Path], out: Path) -> list[Path]:
             raise BadArgument(f"there would be two pages named {name}.md; rename one of the directories")
     cells = cells_of(evaluations)
     failed = failed_episodes(cells)
-    listed, claims = evaluations_table(evaluations), claims_table(cells)
-    tables, pictures = [*tables_of(cells), claims], figures_of(cells)
+    listed = evaluations_table(evaluations)
+    tables, pictures = [claims_table(cells), *tables_of(cells)], figures_of(cells)
     files: dict[str, str] = {
         f"{INDEX}.md": _index(listed, tables, pictures),
         PAGE: html_page([listed, *tables], pictures, failed, [_facts(evaluation) for evaluation in evaluations]),
