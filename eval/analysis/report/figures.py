@@ -4,7 +4,7 @@ import io
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import matplotlib
 from matplotlib.axes import Axes
@@ -26,7 +26,7 @@ COLOURS = (
 """Colours of the methods: those of Okabe and Ito that are read on light and on dark, and others."""
 CLASS_COLOURS = ("#7f7f7f", "#56b4e9", "#009e73", "#d55e00", "#e69f00", "#cc79a7")
 """Colours of the classes of contacts."""
-STYLE = {
+STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
     "font.family": "sans-serif",
     "font.size": 9.0,

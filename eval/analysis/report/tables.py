@@ -92,6 +92,7 @@ def as_csv(table: Table) -> str:
     """The table as CSV, with numbers in full; an interval takes two further columns, a share its total as well."""
     header: list[str] = []
     parts: list[list[list[Value]]] = []
+    cells: list[list[Value]]
     for k, column in enumerate(table.columns):
         values = [row[k] for row in table.rows]
         if any(isinstance(value, Share) for value in values):

@@ -1,3 +1,5 @@
+from typing import Any
+
 import pytest
 
 from eval.analysis.report.cells import cells_of, read_evaluation
@@ -7,7 +9,7 @@ from tests.eval.analysis.report.synthetic import episodes, write_evaluation
 PLACES = [{"world": "factory", "region": region} for region in (1, 2, 3, 4)] + [{"world": "square"}]
 
 
-def answers(tmp_path, rows, claims=CLAIMS):
+def answers(tmp_path, rows, claims=CLAIMS) -> dict[tuple, Any]:
     cells = cells_of([read_evaluation(write_evaluation(tmp_path / "e", rows))])
     return {(row[0], row[1]): row[3:] for row in claims_table(cells, claims).rows}
 
