@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import trim_mean
 
 Z_95 = 1.959963984540054
 """The normal distribution's 97.5% quantile."""
@@ -168,6 +167,8 @@ def interquartile_mean(strata: Sequence[NDArray[np.floating]], draws: int = 2000
     Returns:
         The estimate; None without values.
     """
+    from scipy.stats import trim_mean  # late: it takes a second to import
+
     filled = [np.sort(np.asarray(values, float)) for values in strata if len(values)]
     if not filled:
         return None

@@ -16,7 +16,7 @@ from tests.eval import jobs
 from vuca_nav.cli import main
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell in the background ignores it, and so its children
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background it is ignored
     eval.evaluate.evaluate = functools.partial(eval.evaluate.evaluate, job=getattr(jobs, sys.argv[2]))
     sys.exit(main(["eval", "smoke", "--seeds", "0:2", "--out", sys.argv[1], "--workers", "2", "--method", sys.argv[3]]))
 """
