@@ -202,6 +202,8 @@ class ExplainArguments:
     on where it was."""
     out: Annotated[Path | None, _optional("DIR")] = None
     """Directory of the recording and the picture, or of all moments; by default "explained" beside the rows."""
+    trust: bool = False
+    """Run the Python that the row names, if its method is module:build."""
     json: bool = False
     """End with one JSON object on stdout: the row, t_inevitable, and the files written."""
 

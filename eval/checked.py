@@ -43,6 +43,9 @@ TEXT = Kind("a text", lambda value: isinstance(value, str))
 COUNT = Kind(f"an integer from 0 to {MOST:g}", _is_count)
 NUMBER = Kind("a number", is_number)
 NUMBERS = Kind("a list of numbers", lambda value: isinstance(value, list) and all(map(is_number, value)))
+PAIR = Kind("a list of two numbers", lambda value: NUMBERS.test(value) and len(value) == 2)
+TRIPLE = Kind("a list of three numbers", lambda value: NUMBERS.test(value) and len(value) == 3)
+FLAG = Kind("true or false", lambda value: isinstance(value, bool))
 SEEDS = Kind("two integers", lambda value: isinstance(value, list) and len(value) == 2 and all(map(_is_count, value)))
 OBJECT = Kind("an object", lambda value: isinstance(value, dict))
 
@@ -54,10 +57,16 @@ ROW_KINDS: Mapping[str, Kind] = {
     "sighted": NUMBER.or_none(),
     "without": TEXT,
     "robot": TEXT,
-    "start": NUMBERS.or_none(),
-    "goal": NUMBERS.or_none(),
+    "start": TRIPLE.or_none(),
+    "goal": PAIR.or_none(),
     "seed": COUNT,
     "method": TEXT,
+    "policy": TEXT.or_none(),
+    "gate": TEXT.or_none(),
+    "without_expert": COUNT.or_none(),
+    "no_shield": FLAG.or_none(),
+    "critic": TEXT.or_none(),
+    "gamma": NUMBER.or_none(),
     "outcome": TEXT,
     "way": TEXT.or_none(),
     "bits": TEXT.or_none(),

@@ -23,6 +23,7 @@ from eval.arguments import (
     SceneArguments,
 )
 from vuca_nav.cli import parse, show
+from vuca_nav.data_files import shown
 from vuca_nav.errors import BadArgument, UnknownName
 from vuca_nav.files import prepare_file
 from vuca_nav.provenance import commit, machine
@@ -170,13 +171,17 @@ def explain(argv: list[str]) -> int:
 
         if arguments.seed is not None:
             raise BadArgument("--all explains the collisions of all seeds; leave SEED out")
-        moments = find_moments(find_rows(arguments.source, arguments.filters()), out)
+        rows = find_rows(arguments.source, arguments.filters())
+        for method in {row["method"] for row in rows}:
+            _check_trust(method, arguments)
+        moments = find_moments(rows, out)
         show("\n".join(markdown(moments_table(moments))))
         _print_json({"moments": moments}, arguments.json)
         return 0
     row = find_row(arguments.source, arguments.seed, arguments.filters())
+    _check_trust(row["method"], arguments)
     explained = explain_row(row, out)
-    print(explained.text)
+    show(explained.text)
     _print_json(explained.row, arguments.json)
     return 0
 
@@ -241,12 +246,12 @@ def _method(arguments: DriverArguments, default: str) -> str:
     return method
 
 
-def _check_trust(method: str, arguments: OptionArguments) -> None:
+def _check_trust(method: str, arguments: OptionArguments | ExplainArguments) -> None:
     """Refuse a method of the user's own without --trust, since it runs any Python."""
     from eval.methods import is_users_own
 
     if is_users_own(method) and not arguments.trust:
-        raise BadArgument(f"--method {method} runs Python code of your own; add --trust if you trust it")
+        raise BadArgument(f"method {shown(method)} runs Python code of your own; add --trust if you trust it")
 
 
 def _listed(flag: str, text: str | None) -> list[str] | None:

@@ -9,11 +9,14 @@ from typing import Any
 from eval import contact, failure
 from eval.analysis.attribution import EARLIEST, SURVIVED, Explanation, config_of
 from eval.analysis.attribution import explain as run_again
+from eval.checked import ROW_KINDS, check_values
 from eval.episode import CONFIG_FIELDS
+from eval.kept import MOST_BYTES
 from eval.methods import title_of
 from eval.progress import ProgressLine
 from eval.recordings import file_name
 from eval.store import Row
+from vuca_nav.data_files import parse_json, read_text
 from vuca_nav.errors import BadArgument
 from vuca_nav.files import prepare_directory
 
@@ -151,21 +154,16 @@ def _words(row: Row, explanation: Explanation) -> list[str]:
 
 
 def _read(path: Path) -> list[Row]:
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise BadArgument(f"{path} cannot be read: {error.strerror}; give the directory of a vuca eval") from None
-    except UnicodeDecodeError:
-        raise BadArgument(f"{path} is not a text; give the directory of a vuca eval") from None
     rows = []
-    for line in lines:
+    for number, line in enumerate(read_text(path, BadArgument, MOST_BYTES).splitlines(), start=1):
         if not line.startswith("{"):
             continue
         try:
-            row = json.loads(line)
-        except ValueError:
+            row = parse_json(line, str(path), BadArgument)
+        except BadArgument:
             continue  # the torn last line of an evaluation that was killed
-        if isinstance(row, dict) and {"outcome", "seed", "world", "robot", "method"} <= row.keys():
+        if {"outcome", "seed", "world", "robot", "method"} <= row.keys():
+            check_values(row, ROW_KINDS, f"{path}: line {number}")
             rows.append(row)
     return rows
 

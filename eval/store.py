@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from eval.checked import CONFIG_KINDS, RUN_KINDS, check_values
 from vuca_nav.data_files import parse_json, read_text
 from vuca_nav.errors import BadArgument
-from vuca_nav.files import DirectoryLock, write_whole
+from vuca_nav.files import DirectoryLock, check_regular, write_whole
 from vuca_nav.provenance import machine
 
 Row = dict[str, Any]
@@ -81,6 +81,8 @@ class ResultStore:
             self._lock = DirectoryLock(directory, "vuca eval")
             try:
                 self._check_config(config, made_by)
+                if self._rows_file.exists():
+                    check_regular("the file of rows", self._rows_file)
                 self._file = open(self._rows_file, "a+b", buffering=0)  # noqa: SIM115
             except BaseException:
                 self._lock.release()
@@ -176,8 +178,8 @@ class ResultStore:
         self._file.seek(0)
         for number, line in enumerate(self._file.read().splitlines(), start=1):
             try:
-                row = json.loads(line, parse_constant=_refuse)
-            except ValueError:
+                row = parse_json(line.decode(), "", BadArgument)
+            except (BadArgument, UnicodeDecodeError):
                 raise BadArgument(
                     f"{self._rows_file}:{number} is not JSON; remove the line, and its episode runs again"
                 ) from None
@@ -195,11 +197,6 @@ def _first_difference(a: Any, b: Any, key: str = "") -> tuple[str, Any, Any] | N
                 return difference
         return None
     return None if a == b else (key, a, b)
-
-
-def _refuse(constant: str) -> None:
-    """Raise for NaN and infinities, which are not JSON."""
-    raise ValueError(constant)
 
 
 def _pretty(content: Row) -> str:

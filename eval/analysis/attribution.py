@@ -82,7 +82,9 @@ class Explanation:
 def config_of(row: Row) -> EpisodeConfig:
     """The configuration of the episode that a row is of."""
     options = {field.name: row[field.name] for field in fields(MethodOptions) if field.name in row}
-    own = {field.name: row[field.name] for field in fields(EpisodeConfig) if field.name in row}
+    own = {
+        field.name: row[field.name] for field in fields(EpisodeConfig) if field.name in row and field.name != "options"
+    }
     given: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in own.items()}
     return EpisodeConfig(**given, options=MethodOptions(**options))
 

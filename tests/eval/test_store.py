@@ -1,4 +1,5 @@
 import json
+import os
 
 import pytest
 
@@ -35,10 +36,20 @@ def test_a_broken_line_in_the_middle_is_named(tmp_path):
     with ResultStore(tmp_path, CONFIG, VERSIONS) as store:
         store.append({"seed": 0})
     path = tmp_path / "episodes.jsonl"
-    for broken in ('{"seed"', '{"seed": NaN}'):
+    for broken in ('{"seed"', '{"seed": NaN}', "[" * 100_000, '{"seed": 1, "seed": 2}'):
         path.write_text(f'{{"seed": 0}}\n{broken}\n{{"seed": 2}}\n')
         with pytest.raises(BadArgument, match=r"episodes\.jsonl:2 is not JSON"):
             ResultStore(tmp_path, CONFIG, VERSIONS)
+
+
+def test_rows_that_are_no_regular_file_are_refused_at_once(tmp_path):
+    with ResultStore(tmp_path, CONFIG, VERSIONS):
+        pass
+    path = tmp_path / "episodes.jsonl"
+    path.unlink()
+    os.mkfifo(path)
+    with pytest.raises(BadArgument, match=r"episodes\.jsonl is a pipe or a device"):
+        ResultStore(tmp_path, CONFIG, VERSIONS)
 
 
 def test_another_configuration_is_refused_and_nothing_is_changed(tmp_path):

@@ -1,6 +1,7 @@
 """The last avoidable moment, in halls where it can be worked out by hand, and ``vuca explain`` from end to end."""
 
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from eval.episode import Episode, EpisodeConfig, run_episode
 from eval.explain import explain_row, find_row
 from eval.methods import MethodOptions
 from tests.robots.halls import hall
+from vuca_nav.cli import main
 from vuca_nav.errors import BadArgument
 from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import STOP, Pose2, VelocityCommand
@@ -165,6 +167,30 @@ def test_a_row_is_found_by_its_seed_and_what_tells_it_from_others(tmp_path):
             find_row(folder, seed, filters)
     with pytest.raises(BadArgument, match="cannot be read: No such file"):
         find_row(tmp_path / "b", 1, {})
+
+
+def test_damaged_rows_are_refused_or_passed_over(tmp_path):
+    whole = json.dumps(row(1))
+    for field, value in (("seed", [1]), ("start", [1.0]), ("gamma", "x"), ("no_shield", 5), ("world", None)):
+        folder = rows_in(tmp_path / field, row(1) | {field: value})
+        with pytest.raises(BadArgument, match=f"line 1: {field} is .*, expected"):
+            find_row(folder, None, {})
+    file = tmp_path / "rows.jsonl"
+    file.write_text('{"a":' * 100_000 + f"\n{whole}\n{whole[:40]}")
+    assert find_row(file, None, {})["seed"] == 1
+    assert config_of(row(1) | {"options": {"gamma": 1.0}}) == config_of(row(1))
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(BadArgument, match="is a pipe"):
+        find_row(pipe, None, {})
+
+
+def test_a_row_runs_python_of_its_own_only_when_trusted(tmp_path, capsys):
+    folder = rows_in(tmp_path / "a", row(1) | {"method": "nowhere:build"})
+    assert main(["explain", str(folder)]) == 2
+    assert "add --trust" in capsys.readouterr().err
+    assert main(["explain", str(folder), "--trust"]) == 2
+    assert "nowhere" in capsys.readouterr().err
 
 
 def test_the_output_of_a_single_run_is_a_source(tmp_path):
