@@ -18,6 +18,7 @@ from robots.scene_camera import SceneCamera
 from robots.simulation import Rates, Simulation
 from vuca_nav.errors import BadArgument
 from vuca_nav.geometry import distance
+from vuca_nav.perception.readings import as_numbers
 from vuca_nav.policy.observation import command_from_action, limits_of
 from vuca_nav.task import COLLISION, GOAL_TOLERANCE, REACHED, REWARDS, time_limit
 from vuca_nav.types import Odometry, Scan, VelocityCommand
@@ -92,8 +93,10 @@ class NavigationEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             raise BadArgument(f"render_mode {render_mode!r}: None or 'rgb_array' would be right")
         self._robot, self._body = robot, make_body(robot)
         spec, lidar, ticks = self._body.spec, self._body.lidar, Rates().tick
-        if rate < 1 or ticks % rate:
-            raise BadArgument(f"rate {rate} Hz: one that divides the simulation's {ticks} Hz would be right")
+        if not isinstance(rate, int | np.integer) or rate < 1 or ticks % rate:
+            raise BadArgument(f"rate {rate!r} Hz: one that divides the simulation's {ticks} Hz would be right")
+        if not (isinstance(tolerance, int | float | np.number) and 0.0 < tolerance < math.inf):
+            raise BadArgument(f"tolerance {tolerance!r}: a distance above 0 m would be right")
         self._name, self._region, self._movers = world, region, movers
         self._scans, self._tolerance, self._noise = ticks // rate, tolerance, noise or NoiseConfig()
         self._make_world(0)  # an unknown name is reported at once
@@ -157,13 +160,14 @@ class NavigationEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             BadArgument: If the action is not as many finite numbers.
         """
         simulation = self._running("step")
-        if np.shape(action) != (len(self.axes),) or not np.isfinite(action).all():
+        numbers = as_numbers(action, "the action")
+        if numbers.shape != (len(self.axes),) or not np.isfinite(numbers).all():
             right = f"{len(self.axes)} finite numbers in [-1, 1], {', '.join(self.axes)},"
             raise BadArgument(f"action {action}: {right} would be right")
         if self._terminated:
             gymnasium.logger.warn("step() after the episode has terminated is undefined behaviour: call reset() first")
         share = np.zeros(3)
-        share[self._moves] = action
+        share[self._moves] = numbers
         command = VelocityCommand(*command_from_action(share, self._limits).tolist())
         self._commands.append(command)
         scan, odometry, reached, crashed = self._drive(simulation, command)

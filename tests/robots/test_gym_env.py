@@ -186,6 +186,9 @@ def test_bad_arguments_are_refused():
         make(robot="gp2")
     with pytest.raises(BadArgument, match="rate 7"):
         make(rate=7)
+    for options in ({"rate": 7.5}, {"rate": "10"}, {"tolerance": math.nan}, {"tolerance": -1.0}, {"tolerance": "a"}):
+        with pytest.raises(BadArgument, match="would be right"):
+            NavigationEnv(**options)  # type: ignore[arg-type]
     with pytest.raises(BadArgument, match="render_mode 'human'"):
         NavigationEnv(render_mode="human")
     env = make(world="dynamic", movers=0)
@@ -193,3 +196,11 @@ def test_bad_arguments_are_refused():
     for action in ([math.nan, 0.0], [0.0, math.inf], [0.0, 0.0, 0.0], 0.0):
         with pytest.raises(BadArgument, match=r"2 finite numbers in .* v_x, w_z"):
             env.step(np.array(action, np.float32))
+
+
+def test_actions_that_are_no_numbers_are_refused():
+    env = make()
+    env.reset(seed=0)
+    for action in (["a", "b"], [None, 0.0], [1.0, 1j], [10**400, 0]):
+        with pytest.raises(BadArgument, match="the action must be numbers"):
+            env.step(action)  # type: ignore[arg-type]
