@@ -278,7 +278,7 @@ def checked_command(command: VelocityCommand, time: float) -> VelocityCommand:
     """The command, if it is three finite numbers; raises BadArgument with the time [s] otherwise."""
     try:
         v_x, v_y, w_z = (float(value) for value in command)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise BadArgument(f"command at {time:.3f} s is no v_x, v_y, w_z: {command!r}") from error
     if not (math.isfinite(v_x) and math.isfinite(v_y) and math.isfinite(w_z)):
         raise BadArgument(f"command at {time:.3f} s is not finite: {command}")

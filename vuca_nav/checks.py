@@ -21,7 +21,11 @@ def check_fields(config: object, right: str, test: Callable[[Any], bool], *names
     """
     for name in names:
         value = getattr(config, name)
-        if not test(value):
+        try:
+            is_right = test(value)
+        except (TypeError, ValueError, OverflowError):  # a text where a number belongs
+            is_right = False
+        if not is_right:
             raise BadArgument(f"{name} must be {right}, got {value!r}")
 
 

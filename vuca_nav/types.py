@@ -61,6 +61,10 @@ MOST_BEAMS = 100_000
 """Greatest number of a lidar's beams: thirty times that of the finest planar lidars, and it bounds the memory."""
 
 
+def _is_whole(value: object) -> bool:
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)
+
+
 @dataclass(frozen=True, slots=True)
 class LidarSpec:
     """A planar lidar. By default it stands on base_link's z axis, and its beams go once round it, counter-clockwise.
@@ -87,11 +91,13 @@ class LidarSpec:
 
     def __post_init__(self) -> None:
         right = f"a whole number from 1 to {MOST_BEAMS}"
-        check_fields(self, right, lambda n: isinstance(n, int | np.integer) and 1 <= int(n) <= MOST_BEAMS, "num_beams")
+        check_fields(self, right, lambda n: _is_whole(n) and 1 <= int(n) <= MOST_BEAMS, "num_beams")
         check_positive(self, "max_range", "rate")
         check_not_negative(self, "min_range", "height")
         check_fields(self, "finite", math.isfinite, "angle_min", "pitch")
-        check_fields(self, "three finite numbers", lambda pose: math.isfinite(sum(pose)), "mount")
+        check_fields(
+            self, "a Pose2 of finite numbers", lambda p: isinstance(p, Pose2) and math.isfinite(sum(p)), "mount"
+        )
         if not self.min_range < self.max_range:
             raise BadArgument(f"min_range must be below max_range, got {self.min_range} and {self.max_range}")
         if not 0.0 < (self.num_beams - 1) * abs(self.pitch) <= 2.0 * math.pi + 1e-3 and self.num_beams > 1:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vuca_nav.checks import check_not_negative, check_positive
+from vuca_nav.errors import BadArgument
 from vuca_nav.footprint import cover_by_discs
 from vuca_nav.geometry import between, levelling, multiplied
 from vuca_nav.kernel_cache import njit
@@ -211,7 +212,10 @@ class Perception:
 
     def _timed(self, scan: Scan) -> tuple[Scan, bool, bool]:
         """The scan at a time that is finite, whether it is new, and whether it is no successor of the last one."""
-        stamp = float(scan.stamp)
+        try:
+            stamp = float(scan.stamp)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise BadArgument(f"the scan's stamp must be a number, got {scan.stamp!r}") from error
         if not math.isfinite(stamp):
             return Scan(self._stamp if math.isfinite(self._stamp) else 0.0, scan.ranges), False, True
         is_new = stamp != self._stamp

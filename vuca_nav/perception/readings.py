@@ -126,18 +126,26 @@ class OdometryCheck:
         self._checked_from_raw: Pose2 | None = None
 
     def check(self, odometry: Odometry) -> CheckedOdometry:
-        """Take in the next reading."""
-        x, y, z = odometry.up
-        up = float(x), float(y), float(z)
-        twist = Twist2(float(odometry.twist[0]), float(odometry.twist[1]), float(odometry.twist[2]))
-        x, y, yaw = odometry.odom_from_base
-        raw = Pose2(float(x), float(y), float(yaw))
+        """Take in the next reading.
+
+        Raises:
+            BadArgument: If a part of it is no numbers.
+        """
+        try:
+            x, y, z = odometry.up
+            up = float(x), float(y), float(z)
+            twist = Twist2(float(odometry.twist[0]), float(odometry.twist[1]), float(odometry.twist[2]))
+            x, y, yaw = odometry.odom_from_base
+            raw = Pose2(float(x), float(y), float(yaw))
+            stamp = float(odometry.stamp)
+        except (TypeError, ValueError, OverflowError, IndexError) as error:
+            raise BadArgument(f"the odometry's stamp, pose, velocity or vertical is no numbers: {odometry}") from error
         fault = None
         if not abs(math.sqrt(up[0] * up[0] + up[1] * up[1] + up[2] * up[2]) - 1.0) < _UNIT:
             fault, up = f"the vertical is no unit vector: {up}", UPRIGHT
         if not math.isfinite(twist[0] + twist[1] + twist[2]):
             fault = f"the odometry's velocity is not finite: {tuple(twist)}"
-        here, motion, wrong = self._follow(raw, float(odometry.stamp))
+        here, motion, wrong = self._follow(raw, stamp)
         return CheckedOdometry(here, motion, twist, up, wrong is None, wrong or fault)
 
     def _follow(self, raw: Pose2, stamp: float) -> tuple[Pose2, Pose2, str | None]:

@@ -164,3 +164,22 @@ def test_a_scan_that_stays_the_same_makes_the_body_stand():
     assert valid == [True] * 3 + [False] * 5
     assert "no new scan" in str(percept.fault)
     assert perception.update(Scan(1.0, np.full(360, 2.0)), Odometry(1.0, STANDING, REST)).is_valid
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"stamp": None}, {"odom_from_base": ("a", 0.0, 0.0)}, {"odom_from_base": (10**400, 0, 0)}, {"twist": (0.0,)},
+     {"up": (0.0, 1.0)}],
+)  # fmt: skip
+def test_odometry_that_is_no_numbers_is_refused(wrong: Any):
+    reading: Any = {"stamp": 0.0, "odom_from_base": STANDING, "twist": REST, **wrong}
+    with pytest.raises(BadArgument, match="is no numbers"):
+        OdometryCheck(disc_body(), 30.0).check(Odometry(**reading))
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"num_beams": True}, {"max_range": "a"}, {"mount": None}, {"mount": (1.0, 2.0)}, {"angle_min": "x"}]
+)
+def test_a_lidar_of_other_types_is_refused(wrong: Any):
+    with pytest.raises(BadArgument, match=f"{next(iter(wrong))} must be"):
+        LidarSpec(**wrong)
