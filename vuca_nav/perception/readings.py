@@ -32,6 +32,10 @@ STEP_SLACK, TURN_SLACK = 0.1, 0.2
 LONGEST_STEP = 1.0
 """Longest time between two readings for which a body may have moved on by odometry alone [s]."""
 UPRIGHT = (0.0, 0.0, 1.0)
+LEAST_UPRIGHT = 0.5
+"""Vertical part of the body's measured vertical below which it has fallen: a lean of 60 degrees."""
+FASTEST, FASTEST_TURN = 20.0, 50.0
+"""Velocities beyond which odometry is wrong whatever the body [m/s, rad/s]; a fall is slower."""
 _UNIT = 0.1
 """Greatest error of the length of the vertical, a unit vector."""
 
@@ -143,8 +147,10 @@ class OdometryCheck:
         fault = None
         if not abs(math.sqrt(up[0] * up[0] + up[1] * up[1] + up[2] * up[2]) - 1.0) < _UNIT:
             fault, up = f"the vertical is no unit vector: {up}", UPRIGHT
-        if not math.isfinite(twist[0] + twist[1] + twist[2]):
-            fault = f"the odometry's velocity is not finite: {tuple(twist)}"
+        elif up[2] < LEAST_UPRIGHT:
+            fault = f"the body has fallen: its vertical is {up}"
+        if not (abs(twist[0]) < FASTEST and abs(twist[1]) < FASTEST and abs(twist[2]) < FASTEST_TURN):
+            fault = f"the odometry's velocity is not finite, or no body's: {tuple(twist)}"
         here, motion, wrong = self._follow(raw, stamp)
         return CheckedOdometry(here, motion, twist, up, wrong is None, wrong or fault)
 

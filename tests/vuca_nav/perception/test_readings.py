@@ -141,6 +141,20 @@ def test_a_vertical_that_is_no_direction_is_a_fault(up):
     assert "vertical" in str(percept.fault)
 
 
+@pytest.mark.parametrize("lean", [59.0, 61.0, 90.0, 180.0])
+def test_a_body_that_lies_is_a_fault(lean):
+    up = (math.sin(math.radians(lean)), 0.0, math.cos(math.radians(lean)))
+    checked = OdometryCheck(None, 30.0).check(Odometry(0.0, Pose2(0.0, 0.0, 0.0), Twist2(0.0, 0.0, 0.0), up))
+    assert (checked.fault is not None and "has fallen" in checked.fault) == (lean > 60.0)
+
+
+@pytest.mark.parametrize("twist", [(1e300, 0.0, 0.0), (0.0, -21.0, 0.0), (0.0, 0.0, 51.0), (math.nan, 0.0, 0.0)])
+def test_a_velocity_of_no_body_is_a_fault(twist):
+    checked = OdometryCheck(None, 30.0).check(Odometry(0.0, Pose2(0.0, 0.0, 0.0), Twist2(*twist)))
+    assert checked.fault is not None
+    assert "velocity" in checked.fault
+
+
 def test_whole_numbers_are_numbers():
     whole: Any = Odometry(0, Pose2(0, 0, 0), Twist2(0, 0, 0), (0, 0, 1))
     percept = Perception(LIDAR).update(Scan(0, np.full(360, 2)), whole)
