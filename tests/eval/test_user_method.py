@@ -89,7 +89,7 @@ def test_it_is_loaded_only_under_trust(module, tmp_path):
         (eval_, ["smoke", "--out", str(tmp_path / "out")]),
         (heatmap, ["--out", str(tmp_path / "h.png")]),
     ):
-        with pytest.raises(BadArgument, match=r"--method my_planner:build runs Python code .*; add --trust"):
+        with pytest.raises(BadArgument, match=r"method my_planner:build runs Python code .*; add --trust"):
             command([*arguments, "--method", name])
 
 
