@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from vuca_nav.kernel_cache import njit
 from vuca_nav.types import FloatArray
 from worlds.clearance import clearance_field
+from worlds.heap import pop, push
 from worlds.world import TALLEST, World
 
 
@@ -57,39 +58,6 @@ STEPS = np.array(
 
 
 @njit(cache=True)
-def _push(heap_cost, heap_cell, size, cost, cell):
-    at = size
-    while at > 0:
-        parent = (at - 1) >> 1
-        if heap_cost[parent] <= cost:
-            break
-        heap_cost[at], heap_cell[at] = heap_cost[parent], heap_cell[parent]
-        at = parent
-    heap_cost[at], heap_cell[at] = cost, cell
-    return size + 1
-
-
-@njit(cache=True)
-def _pop(heap_cost, heap_cell, size):
-    """Remove the top of the heap, which the caller has read."""
-    size -= 1
-    cost, cell = heap_cost[size], heap_cell[size]
-    at = 0
-    while True:
-        child = 2 * at + 1
-        if child >= size:
-            break
-        if child + 1 < size and heap_cost[child + 1] < heap_cost[child]:
-            child += 1
-        if heap_cost[child] >= cost:
-            break
-        heap_cost[at], heap_cell[at] = heap_cost[child], heap_cell[child]
-        at = child
-    heap_cost[at], heap_cell[at] = cost, cell
-    return size
-
-
-@njit(cache=True)
 def _grid_path(blocked, steps, start, goal):
     """Cells (n, 2) of the shortest way over the 16 neighbours (A*), from goal to start; empty if there is none."""
     rows, columns = blocked.shape
@@ -99,10 +67,10 @@ def _grid_path(blocked, steps, start, goal):
     heap_cost, heap_cell = np.empty(len(steps) * rows * columns), np.empty(len(steps) * rows * columns, np.int64)
     first, last = start[0] * columns + start[1], goal[0] * columns + goal[1]
     best[first] = 0.0
-    size = _push(heap_cost, heap_cell, 0, 0.0, first)
+    size = push(heap_cost, heap_cell, 0, 0.0, first)
     while size > 0:
         cell = heap_cell[0]
-        size = _pop(heap_cost, heap_cell, size)
+        size = pop(heap_cost, heap_cell, size)
         if closed[cell]:
             continue
         closed[cell] = True
@@ -117,7 +85,7 @@ def _grid_path(blocked, steps, start, goal):
             if cost < best[r * columns + c] - 1e-12:
                 best[r * columns + c], before[r * columns + c] = cost, cell
                 ahead = math.sqrt((r - goal[0]) ** 2 + (c - goal[1]) ** 2)
-                size = _push(heap_cost, heap_cell, size, cost + ahead, r * columns + c)
+                size = push(heap_cost, heap_cell, size, cost + ahead, r * columns + c)
     if not closed[last]:
         return np.empty((0, 2), np.int64)
     count, cell = 1, last

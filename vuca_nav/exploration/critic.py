@@ -14,7 +14,7 @@ from vuca_nav.exploration.heuristic import Critic
 from vuca_nav.geometry import inverse, transform_points
 from vuca_nav.kernel_cache import njit
 from vuca_nav.perception.percept import Percept
-from vuca_nav.policy.network import activate, inputs_first, layer
+from vuca_nav.policy.layers import activate, inputs_first, layer
 from vuca_nav.policy.observation import ObservationConfig, PerceptObserver, goal_features
 from vuca_nav.policy.weights_file import LAYERS, PolicyWeights, Single, layer_shapes, observation_config
 from vuca_nav.safetensors_file import checked_all, read_weights

@@ -10,6 +10,7 @@ import numpy as np
 
 from vuca_nav.kernel_cache import njit
 from vuca_nav.policy.frames import GOAL_SIZE, SPEED_SIZE
+from vuca_nav.policy.layers import activate, layer
 
 CONVOLUTIONS = ((32, 5), (32, 3))
 """Channels and width of the kernel of each convolution."""
@@ -95,11 +96,11 @@ def act_by_convolutions(observation, action, layers):
             scan[s, c] = x[c * sectors + s]
     once = _convolve(scan, layers.convolutions[0], layers.convolution_biases[0])
     twice = _convolve(once, layers.convolutions[1], layers.convolution_biases[1])
-    hidden = _layer(twice.ravel(), layers.weights[0], layers.biases[0])
-    _rectify(hidden)
-    joined = _layer(np.concatenate((hidden, x[count:])), layers.weights[1], layers.biases[1])
-    _rectify(joined)
-    out = _layer(joined, layers.weights[2], layers.biases[2])
+    hidden = layer(twice.ravel(), layers.weights[0], layers.biases[0])
+    activate(hidden, False)
+    joined = layer(np.concatenate((hidden, x[count:])), layers.weights[1], layers.biases[1])
+    activate(joined, False)
+    out = layer(joined, layers.weights[2], layers.biases[2])
     if not (math.isfinite(out[0]) and math.isfinite(out[1])):
         return False
     action[0], action[1], action[2] = 1.0 / (1.0 + math.exp(-out[0])), 0.0, math.tanh(out[1])
@@ -123,26 +124,8 @@ def _convolve(x, weights, bias):
                     if value != 0.0:
                         for j in range(channels):
                             row[j] += weights[c, w, j] * value
-        _rectify(row)
+        activate(row, False)
     return out
-
-
-@njit(cache=True, nogil=True)
-def _layer(x, weights, bias):
-    """Linear layer ``W x + b``, (outputs,)."""
-    out = bias.copy()
-    for i in range(len(x)):
-        value = x[i]
-        if value != 0.0:
-            for j in range(len(out)):
-                out[j] += weights[i, j] * value
-    return out
-
-
-@njit(cache=True, nogil=True)
-def _rectify(values):
-    for i in range(len(values)):
-        values[i] = max(values[i], np.float32(0.0))
 
 
 def arrange(

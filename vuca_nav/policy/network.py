@@ -9,6 +9,7 @@ import numpy as np
 from vuca_nav.errors import BadArgument
 from vuca_nav.kernel_cache import njit
 from vuca_nav.policy.drl_network import ConvolutionalLayers, act_by_convolutions, arrange
+from vuca_nav.policy.layers import activate, inputs_first, layer
 from vuca_nav.policy.weights_file import PolicyWeights, Single
 from vuca_nav.types import FloatArray
 
@@ -178,11 +179,6 @@ class PolicyNetwork:
         return _act(observation, action, self._actor)
 
 
-def inputs_first(weight: Single) -> Single:
-    """Matrix (..., inputs, outputs) of a layer, for ``layer``, from (..., outputs, inputs)."""
-    return np.ascontiguousarray(np.swapaxes(weight, -1, -2))
-
-
 @njit(cache=True, nogil=True)
 def _act(observation, action, actor):
     weights, biases, shares = actor.weights, actor.biases, actor.shares
@@ -242,27 +238,3 @@ def _fused_layer(x, weights, bias, shares):
                 for j in range(len(out)):
                     out[j] += weights[n, i, j] * scaled
     return out
-
-
-@njit(cache=True, nogil=True)
-def layer(x, weights, bias):
-    """Linear layer ``W x + b``, (outputs,), added up in the order of the inputs; ``weights`` is (inputs, outputs)."""
-    out = bias.copy()
-    for i in range(len(x)):
-        xi = x[i]
-        if xi != 0.0:
-            for j in range(len(out)):
-                out[j] += weights[i, j] * xi
-    return out
-
-
-@njit(cache=True, nogil=True)
-def activate(values, elu):
-    """Apply ELU, or else ReLU, in place."""
-    if elu:
-        for i in range(len(values)):
-            if values[i] < 0.0:
-                values[i] = math.expm1(values[i])
-    else:
-        for i in range(len(values)):
-            values[i] = max(values[i], np.float32(0.0))

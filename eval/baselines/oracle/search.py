@@ -16,6 +16,7 @@ from vuca_nav.footprint import cover_by_discs
 from vuca_nav.kernel_cache import njit
 from vuca_nav.types import BodySpec, FloatArray, Pose2
 from worlds.clearance import ClearanceField
+from worlds.heap import pop, push
 from worlds.motion.movers import TICK_RATE
 
 STEP = 0.1
@@ -199,39 +200,6 @@ class SpaceTimeSearch:
 
 
 @njit(cache=True)
-def _push(keys, values, size, key, value):
-    at = size
-    while at > 0:
-        parent = (at - 1) >> 1
-        if keys[parent] <= key:
-            break
-        keys[at], values[at] = keys[parent], values[parent]
-        at = parent
-    keys[at], values[at] = key, value
-    return size + 1
-
-
-@njit(cache=True)
-def _pop(keys, values, size):
-    """Remove the top of the heap, which the caller has read."""
-    size -= 1
-    key, value = keys[size], values[size]
-    at = 0
-    while True:
-        child = 2 * at + 1
-        if child >= size:
-            break
-        if child + 1 < size and keys[child + 1] < keys[child]:
-            child += 1
-        if keys[child] >= key:
-            break
-        keys[at], values[at] = keys[child], values[child]
-        at = child
-    keys[at], values[at] = key, value
-    return size
-
-
-@njit(cache=True)
 def _to_go(clearance, goal, enough, least):
     """Length of the way from every cell to the goal, in cells (Dijkstra over 8 neighbours); ``inf`` without one.
 
@@ -241,10 +209,10 @@ def _to_go(clearance, goal, enough, least):
     cost = np.full((rows, columns), np.inf)
     keys, cells = np.empty(8 * rows * columns + 8), np.empty(8 * rows * columns + 8, np.int64)
     cost[goal[0], goal[1]] = 0.0
-    size = _push(keys, cells, 0, 0.0, goal[0] * columns + goal[1])
+    size = push(keys, cells, 0, 0.0, goal[0] * columns + goal[1])
     while size > 0:
         here, cell = keys[0], cells[0]
-        size = _pop(keys, cells, size)
+        size = pop(keys, cells, size)
         row, column = cell // columns, cell % columns
         if here > cost[row, column]:
             continue
@@ -258,7 +226,7 @@ def _to_go(clearance, goal, enough, least):
                 length = math.sqrt(di * di + dj * dj) * (1.0 if clearance[i, j] >= enough else _TIGHT)
                 if here + length < cost[i, j] - 1e-9:
                     cost[i, j] = here + length
-                    size = _push(keys, cells, size, cost[i, j], i * columns + j)
+                    size = push(keys, cells, size, cost[i, j], i * columns + j)
     return cost
 
 
@@ -456,12 +424,12 @@ def _search(start, goal, future, scene, settings):
     mover_margin = min(settings.mover_margin, max(_mover_gap(scene, start, future, 0, 1.0) - 0.005, 0.0))
     nodes.state[0] = start
     nodes.parent[0], nodes.command[0], nodes.time[0] = -1, -1, 0
-    count, waiting, expanded = 1, _push(keys, heap, 0, 0.0, 0), 0
+    count, waiting, expanded = 1, push(keys, heap, 0, 0.0, 0), 0
     best, best_time, best_to_go, found, arrives = 0, 0, np.inf, -1, False
     state = np.empty(5)
     while waiting > 0 and count + len(settings.commands) < most:
         node = heap[0]
-        waiting = _pop(keys, heap, waiting)
+        waiting = pop(keys, heap, waiting)
         time = nodes.time[node]
         x, y = nodes.state[node, _X], nodes.state[node, _Y]
         if (x - goal[0]) ** 2 + (y - goal[1]) ** 2 < _ARRIVED**2:
@@ -497,7 +465,7 @@ def _search(start, goal, future, scene, settings):
                 continue
             nodes.state[count] = state
             nodes.parent[count], nodes.command[count], nodes.time[count] = node, k, then
-            waiting = _push(keys, heap, waiting, then * STEP + settings.greed * ahead, count)
+            waiting = push(keys, heap, waiting, then * STEP + settings.greed * ahead, count)
             count += 1
     ends = found >= 0
     if not ends:
