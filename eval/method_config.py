@@ -4,6 +4,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from vuca_nav.build import OWN_VALUE
 from vuca_nav.errors import BadArgument
 from vuca_nav.exploration.critic import SHIPPED
 from vuca_nav.exploration.heuristic import Score
@@ -36,8 +37,6 @@ class ExplorerSettings:
 PAPER_EXPLORER = ExplorerSettings(score="normalised", rate=0.2, hysteresis=0.0, look_ahead=None)
 """The choice as the paper prints it (Section III-C): both terms normalised over the candidates, every 5 s and at the
 four triggers, without a bonus for staying."""
-OWN_VALUE = "own-value"
-"""The critic that the policy was trained with, in its own weights file: the paper's V^h."""
 
 
 @dataclass(frozen=True, slots=True)

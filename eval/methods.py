@@ -17,22 +17,21 @@ from eval.baselines.move_base.stack import MoveBase
 from eval.baselines.oracle.config import OracleConfig
 from eval.baselines.oracle.stack import Oracle
 from eval.baselines.oracle.truth import Truth
-from eval.method_config import CRITIC_RATE, GAMMA, OWN_VALUE, PAPER_EXPLORER, ExplorerSettings, MethodConfig
+from eval.method_config import CRITIC_RATE, GAMMA, PAPER_EXPLORER, ExplorerSettings, MethodConfig
 from eval.user_method import Request, UserMethod
+from vuca_nav.build import OWN_VALUE, StackConfig, build_navigator, check_tracks
 from vuca_nav.data_files import read_bytes
 from vuca_nav.errors import BadArgument, BadWeights, UnknownName
-from vuca_nav.exploration.critic import SHIPPED, CriticWeights, LearnedCritic, load_critic, value_network
+from vuca_nav.exploration.critic import SHIPPED, load_critic
 from vuca_nav.exploration.explorer import ExplorerConfig
-from vuca_nav.exploration.heuristic import NoCritic
 from vuca_nav.mapping.slam import SlamConfig
 from vuca_nav.navigator import Navigator, NavigatorConfig
-from vuca_nav.policy.base import LocalPolicy
 from vuca_nav.policy.dynamic_window import DynamicWindow, DynamicWindowConfig
 from vuca_nav.policy.learned import LearnedPolicy
 from vuca_nav.policy.network import Gate, PolicyNetwork
-from vuca_nav.policy.weights_file import WEIGHTS_FOLDER, PolicyWeights, load_weights
+from vuca_nav.policy.weights_file import WEIGHTS_FOLDER, load_weights
 from vuca_nav.safetensors_file import MOST_BYTES
-from vuca_nav.shield.shield import Shield
+from vuca_nav.shield.shield import Shield, ShieldConfig
 from vuca_nav.stack import Stack
 from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import BodySpec, LidarSpec
@@ -248,15 +247,9 @@ def _check_files(config: MethodConfig, given: dict[str, Any]) -> None:
         if "gate" in given and weights.experts == 1:
             raise BadArgument(f"{config.weights} has a single expert; --gate goes with weights of several")
         PolicyNetwork(weights, config.gate or Gate())
-        _check_tracks(config, weights)
+        check_tracks(config.tracks, weights)
     if isinstance(config.critic, Path):
-        _check_tracks(config, load_critic(config.critic))
-
-
-def _check_tracks(config: MethodConfig, taken: PolicyWeights | CriticWeights) -> None:
-    """Raise BadArgument if a network takes tracks that the method has for map and costmap alone."""
-    if config.tracks == "map" and taken.observation.kind == "tracked":
-        raise BadArgument(f"{taken.path} takes tracks, which this method has for map and costmap alone")
+        check_tracks(config.tracks, load_critic(config.critic))
 
 
 def is_users_own(name: str) -> bool:
@@ -329,19 +322,16 @@ def build(
         return method.build(request)
     if isinstance(method, MoveBaseConfig):
         return MoveBase(method, request)
-    return _navigator(method, request)
+    return build_navigator(stack_config(method, localisation), body, lidar, telemetry)
 
 
-def _navigator(method: MethodConfig, request: Request) -> Navigator:
-    """The project's own stack, with the stages that a configuration asks for."""
-    body, lidar, localisation, telemetry = request
-    weights = None if method.weights is None else load_weights(method.weights)
-    critic = _critic_of(method, weights)
-    looks_back = (file.observation.memory for file in (weights, critic) if file is not None)
-    for file in (weights, critic):
-        if file is not None:
-            _check_tracks(method, file)
-    memory = max(method.perception.memory, *looks_back, 0.0)
+def stack_config(method: MethodConfig, localisation: Literal["slam", "odometry"] = "slam") -> StackConfig:
+    """The description of a method's stack in full.
+
+    Args:
+        method: Result of ``resolve``.
+        localisation: "odometry" where the odometry is the true pose.
+    """
     chooses = method.explorer or ExplorerSettings()
     explorer = ExplorerConfig(
         score=chooses.score,
@@ -349,31 +339,21 @@ def _navigator(method: MethodConfig, request: Request) -> Navigator:
         hysteresis=chooses.hysteresis,
         look_ahead=chooses.look_ahead,
     )
-    config = NavigatorConfig(
-        exploration_rate=chooses.rate,
-        direct=method.explorer is None,
-        perception=replace(method.perception, memory=memory),
-        slam=SlamConfig(localisation=localisation),
-        explorer=explorer,
+    return StackConfig(
+        window=DynamicWindowConfig() if method.weights is None else None,
+        weights=method.weights,
+        gate=method.gate or Gate(),
+        shield=ShieldConfig() if method.shield else None,
+        critic=method.critic,
+        tracks=method.tracks,
+        navigator=NavigatorConfig(
+            exploration_rate=chooses.rate,
+            direct=method.explorer is None,
+            perception=method.perception,
+            slam=SlamConfig(localisation=localisation),
+            explorer=explorer,
+        ),
     )
-    if weights is None:
-        policy: LocalPolicy = DynamicWindow(body, lidar, rate=config.rate)
-    else:
-        policy = LearnedPolicy(body, lidar, weights, method.gate or Gate(), telemetry, config.rate)
-    if method.shield:
-        policy = Shield(body, lidar, policy, rate=config.rate)
-    safety = NoCritic() if critic is None else LearnedCritic(body, lidar, critic, config.rate)
-    return Navigator(body, lidar, policy, config, telemetry, safety)
-
-
-def _critic_of(method: MethodConfig, weights: PolicyWeights | None) -> CriticWeights | None:
-    """The critic that rates the exploration's candidates."""
-    if method.critic is None:
-        return None
-    if isinstance(method.critic, Path):
-        return load_critic(method.critic)
-    assert weights is not None  # __post_init__ has seen to it
-    return value_network(weights)
 
 
 def settings_of(method: AnyConfig, body: BodySpec, lidar: LidarSpec) -> dict[str, Any]:
