@@ -41,3 +41,7 @@ class BadArgument(VucaError):
 
 class BadWeights(VucaError):
     """A weights file that is missing or broken, or does not fit its use."""
+
+
+class BadBundle(VucaError):
+    """A deployable bundle that is incomplete, changed, or of a format that is not read."""
