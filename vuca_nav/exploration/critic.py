@@ -92,6 +92,33 @@ class Layers(NamedTuple):
     biases: tuple[Single, ...]
 
 
+class CriticNetwork:
+    """The network of a critic's weights.
+
+    Args:
+        weights: Result of ``load_critic`` or of ``value_network``.
+    """
+
+    def __init__(self, weights: CriticWeights):
+        self.weights = weights
+        self._goal = weights.observation.goal_slice
+        self._layers = Layers(tuple(map(inputs_first, weights.weights)), weights.biases)
+        self._is_elu, self._is_chance = weights.activation == "elu", weights.is_chance
+
+    def rate(self, observation: Single, goals: Single) -> FloatArray:
+        """V^h (n,) of goals.
+
+        Args:
+            observation: (x,) numbers, whose goal does not matter.
+            goals: (n, 3) as ``goal_features`` gives them.
+        """
+        values = np.empty(len(goals))
+        _rate(observation, goals, self._goal.start, self._layers, self._is_elu, values)
+        if self._is_chance:
+            _chances_of_logits(values)
+        return values
+
+
 class LearnedCritic(Critic):
     """Rates points by a trained critic that sees the percept with each point as its goal, in one batch (Section III-C).
 
@@ -110,22 +137,15 @@ class LearnedCritic(Critic):
     """
 
     def __init__(self, body: BodySpec, lidar: LidarSpec, weights: CriticWeights, rate: float | None = None):
+        self.network = CriticNetwork(weights)
         self._observer = PerceptObserver(weights.observation, body, lidar, rate)
-        self._goal = weights.observation.goal_slice
-        self._layers = Layers(tuple(map(inputs_first, weights.weights)), weights.biases)
-        self._is_elu, self._is_chance = weights.activation == "elu", weights.is_chance
 
     def values(self, points_in_map: FloatArray, percept: Percept, map_from_base: Pose2) -> FloatArray:
         """V^h (n,) of points (n, 2) [m]; all 1 while the percept is not valid."""
         if not percept.is_valid:
             return np.ones(len(points_in_map))
         observation = self._observer.observe(percept, (0.0, 0.0))
-        goals = goal_features(transform_points(inverse(map_from_base), points_in_map))
-        values = np.empty(len(goals))
-        _rate(observation, goals, self._goal.start, self._layers, self._is_elu, values)
-        if self._is_chance:
-            _chances_of_logits(values)
-        return values
+        return self.network.rate(observation, goal_features(transform_points(inverse(map_from_base), points_in_map)))
 
 
 @njit(cache=True, nogil=True)
