@@ -89,7 +89,7 @@ def eval_(argv: list[str]) -> int:
     for method in methods or ():
         _check_trust(method, arguments)
     suite = turn_dials(find_suite(arguments.suite), **arguments.dials())
-    suite = choose(suite, methods, robots, _options(arguments))
+    suite = choose(suite, methods, robots, options_of(arguments))
     seeds = suite.seeds if arguments.seeds is None else parse_seeds(arguments.seeds)
     configs = episodes_of(suite, seeds=seeds, limit=arguments.episodes)
     identity = {
@@ -236,7 +236,7 @@ def _episode(arguments: EpisodeArguments, default: str) -> EpisodeConfig:
 
     scene = {field.name: getattr(arguments, field.name) for field in fields(SceneArguments)}
     method = _method(arguments, default)
-    return EpisodeConfig(**scene, robot=arguments.robot, method=method, options=_options(arguments))
+    return EpisodeConfig(**scene, robot=arguments.robot, method=method, options=options_of(arguments))
 
 
 def _method(arguments: DriverArguments, default: str) -> str:
@@ -262,7 +262,7 @@ def _listed(flag: str, text: str | None) -> list[str] | None:
     return names
 
 
-def _options(arguments: OptionArguments) -> MethodOptions:
+def options_of(arguments: OptionArguments) -> MethodOptions:
     """The changes to the method that the arguments ask for."""
     from eval.methods import MethodOptions
 

@@ -76,9 +76,13 @@ class _Reader:
             if not isinstance(value, int) or isinstance(value, bool) or abs(value) > MOST_WHOLE:
                 raise self._error(field, value, "a whole number")
             return value
-        if kind in (bool, str, Path):
-            if not isinstance(value, bool if kind is bool else str):
-                raise self._error(field, value, "true or false" if kind is bool else "a text")
+        if kind is bool:
+            if not isinstance(value, bool):
+                raise self._error(field, value, "true or false")
+            return value
+        if kind in (str, Path):
+            if not isinstance(value, str):
+                raise self._error(field, value, "a text")
             return kind(value)
         return self._structure(kind, value, field)
 
@@ -126,7 +130,7 @@ class _Reader:
 
     def _structure(self, kind: Any, value: Any, field: str) -> Any:
         """A dataclass or a named tuple, from a mapping of its fields."""
-        names = [entry.name for entry in fields(kind)] if is_dataclass(kind) else list(kind._fields)
+        names = list(kind._fields) if hasattr(kind, "_fields") else [entry.name for entry in fields(kind)]
         if not isinstance(value, Mapping):
             raise self._error(field, value, f"the fields {', '.join(names)}")
         for name in value:

@@ -72,11 +72,11 @@ def machine() -> dict[str, Any]:
         "libc": " ".join(platform.libc_ver()).strip() or "unknown",
         "python": platform.python_version(),
         "blas": f"{blas.get('name', 'unknown')} {blas.get('version', '')}".strip(),
-        "libraries": {name: found for name in LIBRARIES if (found := _version(name)) is not None},
+        "libraries": {name: found for name in LIBRARIES if (found := version_of(name)) is not None},
     }
 
 
-def _version(package: str) -> str | None:
+def version_of(package: str) -> str | None:
     """Version of an installed package; None if there is none."""
     try:
         return importlib.metadata.version(package)
