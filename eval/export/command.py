@@ -5,13 +5,16 @@ import shlex
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import tyro
 
 from eval.arguments import DriverArguments
 from vuca_nav.cli import parse, show
+from vuca_nav.errors import BadArgument
 
+MOST_STEPS = 20_000
+"""Greatest number of steps to record: eleven minutes of driving, 50 MB."""
 LIBRARIES = ("vuca-nav", "numpy", "numba", "scipy", "onnx", "safetensors", "mujoco")
 """Packages whose versions a manifest tells."""
 
@@ -22,8 +25,8 @@ class ExportArguments(DriverArguments):
 
     out: Path
     """Folder of the bundle; an older bundle there is replaced."""
-    steps: tyro.conf.Suppress[int] = 1000
-    """Steps that are recorded for vuca check."""
+    steps: Annotated[int, tyro.conf.arg(metavar="N")] = 1000
+    """Number of steps that are recorded in the simulator for vuca check."""
     json: bool = False
     """End with one JSON object on stdout."""
 
@@ -31,6 +34,8 @@ class ExportArguments(DriverArguments):
 def export(argv: list[str]) -> int:
     """Export a robot and a method as a deployable bundle: networks, every setting, the robot, a manifest."""
     arguments = parse(ExportArguments, "export", argv)
+    if not 1 <= arguments.steps <= MOST_STEPS:
+        raise BadArgument(f"--steps must be 1 to {MOST_STEPS}, got {arguments.steps}")
     from eval.commands import options_of
     from eval.methods import BEST
     from vuca_nav.progress import CountedProgress
@@ -136,7 +141,6 @@ def exportable(name: str, config: Any) -> Any:
         BadArgument: It is another kind of stack, which a robot without the testbed cannot have.
     """
     from eval.methods import METHODS, MethodConfig
-    from vuca_nav.errors import BadArgument
 
     if isinstance(config, MethodConfig):
         return config

@@ -28,7 +28,7 @@ class Graph:
 
     def __init__(self, bundle: Bundle, name: str, outputs: tuple[str, ...]):
         import onnxruntime
-        from onnxruntime.capi import onnxruntime_pybind11_state as states
+        from onnxruntime.capi import onnxruntime_pybind11_state as states  # pyright: ignore[reportAttributeAccessIssue]
 
         self._path, self._outputs = bundle.directory / name, outputs
         if name not in bundle.manifest.files:
