@@ -25,6 +25,7 @@ from vuca_nav.stack import Stack
 from vuca_nav.task import GOAL_TOLERANCE, time_limit
 from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import Odometry, Pose2, Scan
+from vuca_nav.wire import round_pose
 from worlds.checks import check_task
 from worlds.registry import make_world, ordered_difficulties
 from worlds.world import World
@@ -269,7 +270,7 @@ def run_episode(config: EpisodeConfig, telemetry: Telemetry | None = None) -> Ep
 
 
 def _make_task(config: EpisodeConfig, body: Body) -> World:
-    """The world with the start and the goal that are asked for."""
+    """The world with the start and the goal that are asked for; the start's yaw as a message carries it."""
     world = make_world(
         config.world,
         config.seed,
@@ -285,6 +286,7 @@ def _make_task(config: EpisodeConfig, body: Body) -> World:
         world = replace(world, start=Pose2(*config.start))
     if config.goal is not None:
         world = replace(world, goal=config.goal)
-    if abs(world.start.yaw) > math.pi:
-        world = replace(world, start=world.start._replace(yaw=wrap_angle(world.start.yaw)))
-    return world
+    start = world.start
+    if abs(start.yaw) > math.pi:
+        start = start._replace(yaw=wrap_angle(start.yaw))
+    return replace(world, start=round_pose(start))

@@ -31,7 +31,8 @@ class LidarNoise:
     def corrupt(self, clean: FloatArray) -> FloatArray:
         """Corrupt true ranges (num_beams,) [m] into a new array.
 
-        A dropped beam and a return outside the valid ranges become ``inf``.
+        A dropped beam and a return outside the valid ranges become ``inf``; the others have single precision, as a
+        LaserScan carries them.
         """
         if self._next == _BLOCK:
             self._rng.standard_normal(out=self._normal)
@@ -53,7 +54,7 @@ def _corrupt(clean, normal, uniform, sigma, dropout, min_range, max_range, repor
         value = clean[i] + sigma * normal[i]
         if uniform[i] < dropout or value < min_range or not value <= max_range:
             value = math.inf
-        reported[i] = value
+        reported[i] = np.float32(value)
 
 
 class WheelOdometer:

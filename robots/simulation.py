@@ -23,6 +23,7 @@ from vuca_nav.errors import BadArgument, VucaError
 from vuca_nav.geometry import between
 from vuca_nav.telemetry.interface import SceneShape, Telemetry
 from vuca_nav.types import STOP, FloatArray, Odometry, Pose2, Scan, Twist2, VelocityCommand
+from vuca_nav.wire import round_odometry, seconds, tick_nanoseconds
 from worlds.arrays import pack_shapes
 from worlds.mjcf import obstacle_name, part_name
 from worlds.motion.movers import MoverField
@@ -64,6 +65,7 @@ class Simulation:
     """One robot in one world. A call of ``step`` is a tick, 1/30 s.
 
     A lidar that is slower gives its last scan again, with its stamp, until it has a new one; scans are taken at ticks.
+    Readings are rounded as messages carry them (``vuca_nav.wire``): a stack behind a wire gets the same numbers.
 
     Args:
         world: The scene with its start.
@@ -197,7 +199,7 @@ class Simulation:
             self._advance_physics(x, y, yaw)
             self._bound.update_odometry()
         self._ticks += 1
-        self.time = self._ticks / self._rates.tick
+        self.time = seconds(tick_nanoseconds(self._ticks, self._rates.tick))
         self._telemetry.time(self.time)
         return self._observe()
 
@@ -242,7 +244,8 @@ class Simulation:
         np.take(self.data.xquat, self._visual_bodies, axis=0, out=self._part_quaternions)
         self._telemetry.robot_parts(self._part_positions, self._part_quaternions)
         self._telemetry.movers(poses)
-        return scan, self._true_odometry() if self._perfect_odometry else self._bound.odometry(self.time)
+        odometry = self._true_odometry() if self._perfect_odometry else self._bound.odometry(self.time)
+        return scan, round_odometry(odometry)
 
     def _sense(self, poses: FloatArray) -> Scan:
         """The lidar's latest scan; a new one if one is due by its rate."""

@@ -12,6 +12,7 @@ from vuca_nav.errors import BadArgument
 from vuca_nav.geometry import between
 from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import STOP, Pose2, VelocityCommand
+from vuca_nav.wire import nanoseconds, quaternion_of, round_odometry, round_scan, seconds, tilt_of, yaw_of
 from worlds.checks import check_task
 from worlds.registry import make_world
 from worlds.world import Box, Cylinder, Mover, MoverPart, Obstacle, Patrol
@@ -36,8 +37,19 @@ def test_a_square_hall_is_seen_as_it_is(tiago):
 def test_time_and_stamps_do_not_drift(simulation):
     for scan, odometry in run(simulation, STOP, 100):
         assert scan.stamp == odometry.stamp
-    assert simulation.time == 100 / 30
+    assert simulation.time == 3.333333333  # whole nanoseconds
     assert simulation.data.time == pytest.approx(0.5 + 100 / 30, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", ["tiago", "go2"])
+def test_readings_are_what_messages_carry(name):
+    simulation = Simulation(hall(8.0, Pose2(4.0, 4.0, 0.3)), make_body(name), 0, noise=NoiseConfig())
+    simulation.reset()
+    for scan, odometry in run(simulation, VelocityCommand(0.3, 0.0, 1.0), 20):
+        assert round_scan(scan).ranges.tobytes() == scan.ranges.tobytes()
+        assert (round_odometry(odometry), seconds(nanoseconds(odometry.stamp))) == (odometry, odometry.stamp)
+        yaw = odometry.odom_from_base.yaw
+        assert yaw_of(quaternion_of(*tilt_of(odometry.up), yaw)) == yaw != 0.0
 
 
 def test_driving_into_a_wall_is_reported_and_so_is_the_clearance(tiago):
