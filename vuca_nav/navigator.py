@@ -108,37 +108,47 @@ class Navigator(Stack):
         self._trigger_ticks = config.ticks(config.trigger_rate)
         self.reset(Pose2(0.0, 0.0, 0.0), (0.0, 0.0))
 
-    def reset(self, start: Pose2, goal: tuple[float, float], prior_map: OccupancyGrid | None = None) -> None:
+    def reset(self, start: Pose2, goal: tuple[float, float] | None, prior_map: OccupancyGrid | None = None) -> None:
         """Begin a mission.
 
         Args:
             start: ``map_from_base`` now; it defines the map's frame.
-            goal: Goal in the map [m].
+            goal: Goal in the map [m]; None to stand and map until ``head_for`` gives one.
             prior_map: A map known beforehand, if there is one.
 
         Raises:
             BadArgument: If start or goal is not finite or too far out, or the map is larger than a map can be.
         """
-        goal = float(goal[0]), float(goal[1])
-        if not all(abs(value) < FARTHEST for value in goal):
-            raise BadArgument(f"the goal {goal} must be finite, within {FARTHEST:g} m of the map's origin")
+        goal = None if goal is None else _checked_goal(goal)
         start = Pose2(*(float(value) for value in start))
         self.perception.reset()
         self.slam.reset(start, prior_map)
-        self.explorer.reset(goal)
         self.policy.reset()
         self.start = start
-        self.goal = goal
-        self.arrived = False
         self.map_from_base = start
         """Estimated pose of the robot."""
         self.percept: Percept | None = None
         """Percept of the last tick."""
-        self.plan = no_plan(start)
         self._tick = 0
-        self._moved_from = start
-        self._moved_tick = 0
         self._is_faulty, self._is_map_full = False, False
+        self.head_for(goal)
+
+    def head_for(self, goal: tuple[float, float] | None) -> None:
+        """Go to another goal from where the robot is: the map stays, and what was given up is looked at again.
+
+        Args:
+            goal: Goal in the map [m]; None to stand, and to go on mapping.
+
+        Raises:
+            BadArgument: If the goal is not finite or too far out.
+        """
+        self.goal = None if goal is None else _checked_goal(goal)
+        """Goal in the map [m]; None if there is none."""
+        self.arrived = False
+        self.explorer.reset(self.goal or (0.0, 0.0))
+        self.plan = no_plan(self.map_from_base)
+        self._is_goal_new = True
+        self._moved_from, self._moved_tick = self.map_from_base, self._tick
 
     def step(self, scan: Scan, odometry: Odometry) -> VelocityCommand:
         """One tick.
@@ -161,6 +171,9 @@ class Navigator(Stack):
         if percept.is_new:
             self.telemetry.scan(percept.scan, estimate.points_in_map)
         self._report(percept, estimate)
+        if self.goal is None:
+            self._show_plan(estimate)
+            return self._act(percept, estimate)
         if self.config.direct:
             self.plan = straight_plan(estimate.map_from_base, self.goal)
             self._show_plan(estimate)
@@ -175,7 +188,7 @@ class Navigator(Stack):
         return self._act(percept, estimate)
 
     def _show_plan(self, estimate: SlamEstimate) -> None:
-        """Report plan and map at the planning rate, where no planner does."""
+        """Report plan and map at the planning rate, where no planner is asked."""
         if self._tick % self._planning_ticks == 0:
             self.telemetry.path(self.plan.path_in_map)
             self.telemetry.waypoint(self.plan.waypoint_in_map)
@@ -210,6 +223,8 @@ class Navigator(Stack):
     def _cause_to_explore(self, percept: Percept, estimate: SlamEstimate) -> str | None:
         """Cause for the explorer to choose anew, None if there is none."""
         cause = "it is time" if self._tick % self._exploration_ticks == 0 else None
+        if self._is_goal_new:
+            cause, self._is_goal_new = cause or "there is a new goal", False
         if self._tick % self._trigger_ticks == 0:
             pose = estimate.map_from_base
             if self._is_stuck(pose):
@@ -241,6 +256,8 @@ class Navigator(Stack):
     def _local_goal(self, percept: Percept, map_from_base: Pose2) -> LocalGoal | None:
         """The waypoint as the lower layer sees it; None if the body has to stand."""
         config = self.config
+        if self.goal is None:
+            return None
         self.arrived = distance(map_from_base, self.goal) < (
             config.goal_slack if self.arrived else config.goal_tolerance
         )
@@ -258,3 +275,15 @@ class Navigator(Stack):
             return False
         self._moved_tick = self._tick
         return True
+
+
+def _checked_goal(goal: tuple[float, float]) -> tuple[float, float]:
+    """The goal in plain numbers.
+
+    Raises:
+        BadArgument: If it is not finite or too far out.
+    """
+    goal = float(goal[0]), float(goal[1])
+    if not all(abs(value) < FARTHEST for value in goal):
+        raise BadArgument(f"the goal {goal} must be finite, within {FARTHEST:g} m of the map's origin")
+    return goal

@@ -112,7 +112,7 @@ def view_at(
             break
         scan, odometry = simulation.step(command)
         if progress is not None:
-            progress(simulation.time, distance(simulation.true_pose, navigator.goal))
+            progress(simulation.time, distance(simulation.true_pose, episode.world.goal))
     pose, percept = navigator.map_from_base, navigator.percept
     assert percept is not None  # it has stepped
     safety = safety_around(lambda points: critic.values(points, percept, pose), pose[:2], half_side, resolution)
@@ -128,7 +128,7 @@ def view_at(
         occupied=np.array([[grid.state(x, y) > 0 for x in xs] for y in ys]),
         returns_in_map=telemetry.points_in_map,
         target=None if target is None else target.point,
-        goal=navigator.goal,
+        goal=episode.world.goal,
     )
 
 

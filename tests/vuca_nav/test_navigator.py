@@ -10,7 +10,7 @@ import pytest
 
 from tests.vuca_nav.random_policy import random_policy
 from tests.vuca_nav.random_safety import TRACKED, random_safety
-from tests.vuca_nav.rooms import LIDAR, disc_body, ranges_to_boxes, room, scan_of
+from tests.vuca_nav.rooms import LIDAR, REST, disc_body, ranges_to_boxes, room, scan_of
 from vuca_nav.errors import BadArgument
 from vuca_nav.exploration.critic import LearnedCritic, load_critic
 from vuca_nav.exploration.explorer import Explorer
@@ -86,6 +86,60 @@ def test_it_finds_its_way_round_a_blind_alley():
     assert told.commands == len(poses)
     assert told.paths >= len(poses) // 30
     assert told.decisions >= 1
+
+
+class Hall:
+    """A disc with exact sensors in an empty hall."""
+
+    def __init__(self, navigator: Navigator, start: Pose2):
+        self.navigator, self.pose, self.odom, self.twist, self.tick = navigator, start, STANDING, REST, 0
+
+    def drive(self, ticks: int, goal: tuple[float, float] | None = None) -> list[VelocityCommand]:
+        """Drive for a time or to within 0.1 m of a goal; the commands."""
+        commands = []
+        for _ in range(ticks):
+            stamp = self.tick * DT
+            scan, odometry = scan_of(room(12.0, 9.0), self.pose, stamp), Odometry(stamp, self.odom, self.twist)
+            command = self.navigator.step(scan, odometry)
+            commands.append(command)
+            step = Pose2(command.v_x * DT, 0.0, command.w_z * DT)
+            self.pose, self.odom, self.twist = compose(self.pose, step), compose(self.odom, step), Twist2(*command)
+            self.tick += 1
+            if goal is not None and distance(self.pose, goal) < 0.1:
+                break
+        return commands
+
+
+def test_without_a_goal_it_stands_and_maps_and_then_heads_for_one():
+    body, start, goal = disc_body(), Pose2(2.0, 2.0, 0.0), (9.0, 7.0)
+    navigator = Navigator(body, LIDAR, DynamicWindow(body, LIDAR))
+    navigator.reset(start, None)
+    hall = Hall(navigator, start)
+    assert set(hall.drive(20)) == {STOP}
+    assert navigator.slam.navigation_grid.state(5.0, 2.0) == -1  # seen to be free
+    navigator.head_for(goal)
+    assert hall.drive(1) != [STOP]  # planned at once, not at the next time of planning
+    hall.drive(900, goal)
+    assert distance(hall.pose, goal) < 0.1
+
+
+def test_another_goal_while_driving_keeps_the_map_and_turns_to_it():
+    body, start, goal = disc_body(), Pose2(2.0, 2.0, 0.0), (4.0, 7.0)
+    navigator = Navigator(body, LIDAR, DynamicWindow(body, LIDAR))
+    navigator.reset(start, (10.0, 2.0))
+    hall = Hall(navigator, start)
+    hall.drive(120)
+    assert hall.pose.x > 4.0
+    entropy = navigator.slam.navigation_grid.entropy
+    navigator.head_for(goal)
+    assert navigator.slam.navigation_grid.entropy == entropy
+    hall.drive(900, goal)
+    assert distance(hall.pose, goal) < 0.1
+    assert distance(navigator.map_from_base, hall.pose) < 0.05
+    navigator.head_for(None)
+    assert set(hall.drive(3)) == {STOP}
+    with pytest.raises(BadArgument, match="finite"):
+        navigator.head_for((math.nan, 0.0))
 
 
 def test_same_input_same_bits():
