@@ -1,0 +1,245 @@
+"""A collision monitor on the raw scan, after Nav2's (stop, slow down, approach), by the body's own braking distance.
+
+A command passes if the body can obey it for ``hold`` seconds, from the velocity that it has and after the commands that
+are on their way, and then brake, without coming nearer to any return than the margin. Otherwise it is scaled along its
+arc to the greatest speed for which that is true, and then turns as fast as is safe. What is within the margin already
+may be left, and turned beside, but not approached. Returns are taken to stand: what moves is the business of others.
+
+What the lidar does not look at is taken to begin at the footprint: towards it the body only creeps.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from vuca_nav.deploy.safety.config import DEFAULTS, MonitorConfig
+from vuca_nav.deploy.safety.limits import Given
+from vuca_nav.deploy.safety.status import Action
+from vuca_nav.deploy.safety.sweep import (
+    NOISE,
+    Course,
+    distance_to,
+    empty_poses,
+    farthest,
+    gather,
+    intrusion,
+    outline_of,
+    roll_out,
+)
+from vuca_nav.types import STOP, BodySpec, FloatArray, LidarSpec, Pose2, Twist2, VelocityCommand
+
+_HALVINGS = 7
+"""Bisections of the share of a command that is safe: to 1%."""
+_LEAST_SHARE = 0.01
+"""Share of a command below which the body had better stand."""
+_BLIND_STEP = 0.05
+"""Angle between two points that stand for what the lidar does not look at [rad]."""
+_BLIND_AT = 0.02
+"""Their distance from the footprint [m]."""
+_NO_POINTS = np.empty((0, 2))
+
+
+class Motion(NamedTuple):
+    """The body's motion at a tick."""
+
+    scan_from_base: Pose2
+    """Its pose, in base_link of when the scan was taken."""
+    velocity: Twist2
+    """Its velocity."""
+    begins: float
+    """The time of both [s]."""
+    now: float
+    """The time at which the command is given [s]."""
+    given: list[Given]
+    """Commands that went to the body and may not be answered yet, oldest first."""
+
+
+class Decision(NamedTuple):
+    """What the monitor makes of a command."""
+
+    command: VelocityCommand
+    action: Action
+    message: str
+
+
+class CollisionMonitor:
+    """Lets a command through as far as the body can stop before what stands in its way.
+
+    Args:
+        body: The body; its limits and its delay are taken as they are.
+        lidar: The body's lidar.
+        config: Settings.
+    """
+
+    def __init__(self, body: BodySpec, lidar: LidarSpec, config: MonitorConfig = DEFAULTS.monitor):
+        self._config, self._body, self._lidar = config, body, lidar
+        self._outline = outline_of(body.footprint)
+        self._accelerations = np.array([body.max_a_x, body.max_a_y, body.max_a_w])
+        self._decelerations = config.deceleration * self._accelerations
+        angles = lidar.angles_in_base()
+        self._directions = np.column_stack([np.cos(angles), np.sin(angles)])
+        self._origin = np.array([lidar.mount.x, lidar.mount.y])
+        self._poses = empty_poses()
+        self._points = np.empty((lidar.num_beams, 3))
+        self._ranges = np.full(lidar.num_beams, np.inf)
+        self._unseen = np.isnan(self._ranges)
+        self._blind_points = self._blind(self._unseen)
+
+    def observe(self, ranges: FloatArray) -> None:
+        """Take in a scan.
+
+        Args:
+            ranges: (num_beams,) as ``vuca_nav.perception.readings.ScanCheck`` gives them: above 0, ``inf`` for no
+                return, NaN for what is not known [m].
+        """
+        self._ranges = ranges
+        unseen = np.isnan(ranges)
+        if not np.array_equal(unseen, self._unseen):
+            self._unseen, self._blind_points = unseen, self._blind(unseen)
+
+    def clearance(self, motion: Motion) -> float:
+        """Distance of the footprint to the nearest return, now; negative for one inside, ``inf`` without any [m]."""
+        points = self._near(self._ranges, self._origin, self._directions, motion.scan_from_base, self._lidar.max_range)
+        return float(points[:, 2].min(initial=np.inf))
+
+    def allow(self, wanted: VelocityCommand, motion: Motion) -> Decision:
+        """The wanted command, or what of it is safe.
+
+        Args:
+            wanted: A command within the body's limits.
+            motion: The body's motion.
+        """
+        c, course = self._config, self._course(wanted, motion)
+        action: Action = "passed"
+        command, message = wanted, ""
+        reach = farthest(course, self._outline.radius)
+        pose, slow = motion.scan_from_base, c.margin + (c.slow_distance if c.slow_ratio < 1.0 else 0.0)
+        if len(self._blind_points):
+            ones = np.ones(len(self._blind_points))
+            blind = self._near(ones, np.zeros(2), self._blind_points, pose, reach + c.margin)
+            if self._approach(blind, course, command, c.margin)[0] > NOISE:
+                command = self._creeping(command)
+                action, message = "slowed", "the lidar does not look where the body goes"
+        points = self._near(self._ranges, self._origin, self._directions, pose, reach + max(slow, c.margin))
+        if not len(points):
+            return Decision(command, action, message)
+        points = points[points[:, 2].argsort(kind="stable")]
+        if slow > c.margin and self._approach(points, course, command, c.slow_distance)[0] > NOISE:
+            slowly = self._slowly(command)
+            if slowly != command:
+                command, action, message = slowly, "slowed", f"something within {c.slow_distance:g} m of its way"
+        lack, which = self._approach(points, course, command, c.margin)
+        if lack <= NOISE:
+            return Decision(command, action, message)
+        return self._scaled(command, points, course, which)
+
+    def _scaled(self, wanted: VelocityCommand, points: FloatArray, course: Course, which: int) -> Decision:
+        """The greatest share of a command that is not safe as it is."""
+        margin = self._config.margin
+        x, y = points[which, :2]
+        place = f"a return {math.hypot(x, y):.2f} m off at {math.degrees(math.atan2(y, x)):.0f} degrees"
+        lack = self._approach(points, course, STOP, margin, math.inf)[0]
+        if lack > NOISE:  # braking comes too near as well
+            if self._escapes(wanted, points, course, lack):
+                return Decision(wanted, "passed", "")
+            return Decision(STOP, "stopped", f"too late to keep {margin:g} m from {place}")
+
+        def share_of(safe: float, *, turn_only: bool = False) -> float:
+            """The greatest safe share of the command, or of its turn."""
+            least, most = safe, 1.0
+            for _ in range(_HALVINGS):
+                share = 0.5 * (least + most)
+                tried = _share(wanted, safe if turn_only else share, share)
+                if self._approach(points, course, tried, margin)[0] > NOISE:
+                    most = share
+                else:
+                    least = share
+            return least
+
+        share = share_of(0.0)
+        turn = share_of(share, turn_only=True) if wanted.w_z != 0.0 and wanted[:2] != (0.0, 0.0) else share
+        if max(share, turn) < _LEAST_SHARE:
+            return Decision(STOP, "stopped", f"it would come too near to {place}")
+        return Decision(_share(wanted, share, turn), "approach", f"slowed before {place}")
+
+    def _escapes(self, wanted: VelocityCommand, points: FloatArray, course: Course, lack: float) -> bool:
+        """Whether a command keeps as far off as braking at once, which comes too near, and touches nothing."""
+        if self._approach(points, course, wanted, self._config.margin, lack)[0] > lack:
+            return False
+        return self._approach(points, course, wanted, 0.0)[0] <= NOISE
+
+    def _approach(
+        self, points: FloatArray, course: Course, command: VelocityCommand, margin: float, enough: float = NOISE
+    ) -> tuple[float, int]:
+        """How much too near the body comes under a command, and to which point."""
+        out = self._poses
+        count = roll_out(course, np.array(command), self._outline.radius, out)
+        return intrusion(points, out.poses[:count], out.travel[:count], self._outline, margin, enough)
+
+    def _course(self, wanted: VelocityCommand, motion: Motion) -> Course:
+        """The commands that the body is going to obey, the wanted one last."""
+        body, ends = self._body, motion.now + self._body.delay
+        times, commands = [], []
+        given = [item for item in motion.given if item.time + body.delay < ends]
+        for n, item in enumerate(given):
+            begins = motion.begins if n == 0 else max(item.time + body.delay, motion.begins)
+            until = given[n + 1].time + body.delay if n + 1 < len(given) else ends
+            if until > begins:
+                times.append(until - begins)
+                commands.append(item.command)
+        times.append(self._config.hold)
+        commands.append(wanted)
+        v_x, v_y, w_z = motion.velocity
+        start = np.array([*motion.scan_from_base, v_x, v_y if body.max_v_y > 0.0 else 0.0, w_z])
+        return Course(start, np.array(times), np.array(commands), self._accelerations, self._decelerations)
+
+    def _near(
+        self, ranges: FloatArray, origin: FloatArray, directions: FloatArray, pose: Pose2, reach: float
+    ) -> FloatArray:
+        """The points (n, 3) that are within a distance of the footprint [m], with their distances."""
+        start = np.array([*pose, 0.0, 0.0, 0.0])
+        return self._points[: gather(ranges, origin, directions, start, reach, self._outline, self._points)]
+
+    def _slowly(self, command: VelocityCommand) -> VelocityCommand:
+        """The command, along its arc at no more than the share of the greatest speed that is slow."""
+        body, ratio = self._body, self._config.slow_ratio
+        fastest = math.hypot(command.v_x, command.v_y) / (ratio * max(body.max_v_x, -body.min_v_x))
+        return _share(command, *(2 * [1.0 / max(1.0, fastest)]))
+
+    def _creeping(self, command: VelocityCommand) -> VelocityCommand:
+        """The command, along its arc at no more than the speed at which the body goes where it does not look."""
+        fastest = math.hypot(command.v_x, command.v_y) + self._outline.radius * abs(command.w_z)
+        share = min(1.0, self._config.blind_speed / fastest) if fastest > 0.0 else 1.0
+        return _share(command, share, share)
+
+    def _blind(self, unseen: np.ndarray) -> FloatArray:
+        """Points (n, 2) about the footprint that stand for what the lidar does not look at.
+
+        Args:
+            unseen: (num_beams,) the beams of which nothing is known.
+        """
+        lidar, outline = self._lidar, self._outline
+        angles = lidar.angles_in_base()[~unseen]
+        if not len(angles):
+            angles = np.array([0.0])
+        seen = np.sort(angles % (2.0 * math.pi))
+        gaps = np.diff(np.append(seen, seen[0] + 2.0 * math.pi))
+        points = []
+        for first, gap in zip(seen, gaps, strict=True):
+            if gap <= max(self._config.blind_gap, 2.5 * abs(lidar.pitch)):
+                continue
+            inner = np.linspace(first, first + gap, max(math.ceil(gap / _BLIND_STEP), 2) + 1)[1:-1]
+            for angle in inner:
+                ray = np.array([math.cos(angle), math.sin(angle)])
+                ahead = outline.normals[:, 0] * ray[0] + outline.normals[:, 1] * ray[1]
+                left = outline.offsets - (outline.normals * self._origin).sum(axis=1)
+                leaves = float((left[ahead > 1e-9] / ahead[ahead > 1e-9]).min())
+                point = self._origin + (max(leaves, 0.0) + _BLIND_AT) * ray
+                if distance_to(outline, point[0], point[1]) > 0.0:
+                    points.append(point)
+        return np.array(points) if points else _NO_POINTS
+
+
+def _share(command: VelocityCommand, linear: float, angular: float) -> VelocityCommand:
+    return VelocityCommand(linear * command.v_x, linear * command.v_y, angular * command.w_z)
