@@ -80,6 +80,15 @@ class OptionArguments:
 
 
 @dataclass(frozen=True)
+class MonitorArguments:
+    """What stands between the method and the robot."""
+
+    monitor: bool = False
+    """Put the safety layer of a deployed robot under the method: it stops before what the body could not stop for
+    (docs/safety.md). The row says in how many ticks it did what."""
+
+
+@dataclass(frozen=True)
 class DriverArguments(OptionArguments, RobotArguments):
     """The robot, the method that drives it, and what is changed of the method."""
 
@@ -90,7 +99,7 @@ class EpisodeArguments(DriverArguments, SceneArguments):
 
 
 @dataclass(frozen=True)
-class RunArguments(EpisodeArguments):
+class RunArguments(MonitorArguments, EpisodeArguments):
     """Run one episode: a robot, a world it has no map of, a goal."""
 
     record: Annotated[Path | None, _optional("FILE.rrd")] = None
@@ -114,7 +123,7 @@ class ListArguments:
 
 
 @dataclass(frozen=True, kw_only=True)
-class EvalArguments(OptionArguments, DialArguments):
+class EvalArguments(MonitorArguments, OptionArguments, DialArguments):
     """Run a suite of episodes on all cores; run it again, and it goes on where it was."""
 
     suite: tyro.conf.Positional[str]

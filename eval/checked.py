@@ -67,11 +67,13 @@ ROW_KINDS: Mapping[str, Kind] = {
     "no_shield": FLAG.or_none(),
     "critic": TEXT.or_none(),
     "gamma": NUMBER.or_none(),
+    "monitor": FLAG.or_none(),
     "outcome": TEXT,
     "way": TEXT.or_none(),
     "bits": TEXT.or_none(),
     "contact": OBJECT.or_none(),
     "failure": OBJECT.or_none(),
+    "monitor_ticks": OBJECT.or_none(),
 }
 """Fields of a row; the numbers of its metrics are checked by ``eval.analysis.summary.is_result``."""
 CONFIG_KINDS: Mapping[str, Kind] = {

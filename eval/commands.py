@@ -17,6 +17,7 @@ from eval.arguments import (
     ExplainArguments,
     HeatmapArguments,
     ListArguments,
+    MonitorArguments,
     OptionArguments,
     ReportArguments,
     RunArguments,
@@ -273,6 +274,7 @@ def options_of(arguments: OptionArguments) -> MethodOptions:
         no_shield=arguments.no_shield,
         critic=None if arguments.critic is None else str(arguments.critic),
         gamma=arguments.gamma,
+        monitor=isinstance(arguments, MonitorArguments) and arguments.monitor,
     )
 
 

@@ -13,6 +13,7 @@ from eval.contact import Contact, classify_contact
 from eval.failure import Failure, Trail, classify_failure, is_out_of_reach
 from eval.methods import BEST, UNCHANGED, MethodOptions, build, resolve
 from eval.metrics import Metrics, MetricsRecorder
+from eval.monitored import Monitored
 from eval.prior_map import rasterise
 from robots.arithmetic import fingerprint
 from robots.bodies.body import Body
@@ -105,6 +106,8 @@ class EpisodeResult:
     """How the contact came about; None without one."""
     failure: Failure | None
     """Why the mission did not arrive without a contact; None if it arrived or touched something."""
+    monitor_ticks: dict[str, int] | None
+    """Number of ticks by what the safety layer did, or which faults it saw; None without ``--monitor``."""
     way: str | None
     """The first of the world's ways to the goal that the robot entered; None if the world names none, or it did not."""
     arithmetic: str
@@ -166,7 +169,9 @@ class Episode:
         localisation = "slam" if "A" not in self.config.without else "odometry"
         simulation = self.simulation(telemetry)
         truth = Truth(self.world, self.body, simulation)
-        return simulation, build(self.method, self.body.spec, self.body.lidar, localisation, telemetry, truth)
+        body, lidar = self.body.spec, self.body.lidar
+        stack = build(self.method, body, lidar, localisation, telemetry, truth)
+        return simulation, Monitored(stack, body, lidar, simulation.rate) if self.config.options.monitor else stack
 
     def begin(self, telemetry: Telemetry) -> tuple[Simulation, Stack, Scan, Odometry]:
         """Both sides ready for the first step, and the robot's first readings."""
@@ -225,6 +230,7 @@ class Episode:
             collided_with=simulation.contact,
             contact=None if facts is None else classify_contact(facts),
             failure=self._why(outcome, simulation, trail, metrics),
+            monitor_ticks=dict(navigator.actions) if isinstance(navigator, Monitored) else None,
             way=way,
             arithmetic=fingerprint(),
             metrics=metrics,

@@ -139,6 +139,8 @@ class MethodOptions:
     """Weights file of the critic of V^h."""
     gamma: float | None = None
     """Weight of V^h, in the method's unit."""
+    monitor: bool = False
+    """Put the safety layer of a deployed robot under the method, whichever it is."""
 
     def __post_init__(self) -> None:
         """Raise BadArgument for a gamma that is negative or not finite, or another gate than the uniform one."""
@@ -172,7 +174,7 @@ _NO_NETWORK = _Lack("drives by no weights", lambda config: config.weights is not
 _NO_GATE = _Lack("has no gate over several experts", lambda config: config.gate is not None)
 _NO_SHIELD = _Lack("has no shield", lambda config: config.shield)
 _NO_CRITIC = _Lack("has no V^h", lambda config: config.critic is not None)
-_LACKS = {
+_LACKS: dict[str, _Lack] = {
     "policy": _NO_NETWORK,
     "gate": _NO_GATE,
     "without_expert": _NO_GATE,
@@ -198,8 +200,8 @@ def resolve(name: str, options: MethodOptions = UNCHANGED) -> AnyConfig:
         raise UnknownName("method", name, METHODS)
     config, given = METHODS[name].config if name in METHODS else UserMethod(name), options.given()
     for option in given:
-        lack = _LACKS[option]
-        if not lack.goes_with(config):
+        lack = _LACKS.get(option)
+        if lack is not None and not lack.goes_with(config):
             those = ", ".join(other for other, method in METHODS.items() if lack.goes_with(method.config))
             raise BadArgument(f"method {name!r} {lack.message}; {flag_of(option)} goes with: {those}")
     if not isinstance(config, MethodConfig):
@@ -227,17 +229,16 @@ def taken_by(name: str, options: Iterable[str]) -> set[str]:
     """Those of some options, by name, that go with a method.
 
     Args:
-        name: Name of a method, or ``module:build``, which takes none.
+        name: Name of a method, or ``module:build``, which takes only what goes with any method.
         options: Names of fields of ``MethodOptions``.
 
     Raises:
         UnknownName: There is no such method.
     """
-    if is_users_own(name):
-        return set()
-    if name not in METHODS:
+    if not is_users_own(name) and name not in METHODS:
         raise UnknownName("method", name, METHODS)
-    return {option for option in options if _LACKS[option].goes_with(METHODS[name].config)}
+    config = UserMethod(name) if is_users_own(name) else METHODS[name].config
+    return {option for option in options if option not in _LACKS or _LACKS[option].goes_with(config)}
 
 
 def _check_files(config: MethodConfig, given: dict[str, Any]) -> None:

@@ -77,6 +77,7 @@ class Simulation:
         rates: Rates of physics, control and ticks.
 
     Attributes:
+        rate: Rate of the ticks [Hz].
         time: Time since the start [s].
         true_pose: Pose of base_link in the world.
         model: MuJoCo model of the robot on the floor, see :class:`robots.physics.Physics`.
@@ -108,7 +109,7 @@ class Simulation:
         self._seed = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
         self._noise, self._telemetry = noise, telemetry or Telemetry()
         self._perfect_odometry = perfect_odometry
-        self._rates = rates
+        self._rates, self.rate = rates, rates.tick
         self._control_dt = 1.0 / rates.control
         self._substeps = rates.physics // rates.control
         self._controls = rates.control // rates.tick

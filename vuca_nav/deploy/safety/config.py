@@ -14,8 +14,13 @@ class MonitorConfig:
     """Settings of the collision monitor."""
 
     margin: float = 0.05
-    """Clearance of the footprint within which nothing is approached any further [m]: two and a half standard deviations
-    of a range. Nav2: the polygon of action ``stop``."""
+    """Clearance of the footprint within which nothing is approached any further [m]. Nav2: the polygon of action
+    ``stop``."""
+    smoothing: float = 0.045
+    """Angle to each side over which a range is averaged with those of the same surface [rad]: two beams of a degree,
+    which halve the noise. Nav2 waits for ``min_points`` (4) in a polygon instead, and misses what is thin."""
+    surface: float = 0.1
+    """Difference of two ranges up to which they are of the same surface [m]: five standard deviations of a range."""
     hold: float = 0.2
     """Time for which a command is taken to go on before the body brakes [s]: within it a fault is noticed and the zero
     command is out, or the base times out. Nav2's ``approach`` keeps ``time_before_collision`` (2.0 s) instead, and
@@ -35,7 +40,7 @@ class MonitorConfig:
 
     def __post_init__(self) -> None:
         """Raise BadArgument for a setting out of its range."""
-        check_not_negative(self, "margin", "slow_distance", "blind_speed")
+        check_not_negative(self, "margin", "smoothing", "surface", "slow_distance", "blind_speed")
         check_positive(self, "hold", "blind_gap")
         check_fields(self, "above 0 and at most 1", lambda share: 0.0 < share <= 1.0, "deceleration", "slow_ratio")
 

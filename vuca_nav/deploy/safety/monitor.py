@@ -2,8 +2,9 @@
 
 A command passes if the body can obey it for ``hold`` seconds, from the velocity that it has and after the commands that
 are on their way, and then brake, without coming nearer to any return than the margin. Otherwise it is scaled along its
-arc to the greatest speed for which that is true, and then turns as fast as is safe. What is within the margin already
-may be left, and turned beside, but not approached. Returns are taken to stand: what moves is the business of others.
+arc to the greatest speed for which that is true, and then turns as fast as is safe. A body that has less clearance than
+the margin already may leave, turn, and go along, but get no nearer. Returns are taken to stand: what moves is the
+business of others.
 
 What the lidar does not look at is taken to begin at the footprint: towards it the body only creeps.
 """
@@ -17,7 +18,7 @@ from vuca_nav.deploy.safety.config import DEFAULTS, MonitorConfig
 from vuca_nav.deploy.safety.limits import Given
 from vuca_nav.deploy.safety.status import Action
 from vuca_nav.deploy.safety.sweep import (
-    NOISE,
+    ROUNDING,
     Course,
     distance_to,
     empty_poses,
@@ -26,6 +27,7 @@ from vuca_nav.deploy.safety.sweep import (
     intrusion,
     outline_of,
     roll_out,
+    smooth,
 )
 from vuca_nav.types import STOP, BodySpec, FloatArray, LidarSpec, Pose2, Twist2, VelocityCommand
 
@@ -37,6 +39,10 @@ _BLIND_STEP = 0.05
 """Angle between two points that stand for what the lidar does not look at [rad]."""
 _BLIND_AT = 0.02
 """Their distance from the footprint [m]."""
+_FLOOR = 0.01
+"""Clearance that is kept wherever the body stands within the margin already [m]."""
+_TURN = 0.005
+"""Approach that is none while turning on the spot within the margin [m]: the outline of a round body has corners."""
 _NO_POINTS = np.empty((0, 2))
 
 
@@ -93,7 +99,8 @@ class CollisionMonitor:
             ranges: (num_beams,) as ``vuca_nav.perception.readings.ScanCheck`` gives them: above 0, ``inf`` for no
                 return, NaN for what is not known [m].
         """
-        self._ranges = ranges
+        c = self._config
+        smooth(ranges, int(c.smoothing / abs(self._lidar.pitch)), c.surface, self._ranges)
         unseen = np.isnan(ranges)
         if not np.array_equal(unseen, self._unseen):
             self._unseen, self._blind_points = unseen, self._blind(unseen)
@@ -118,32 +125,31 @@ class CollisionMonitor:
         if len(self._blind_points):
             ones = np.ones(len(self._blind_points))
             blind = self._near(ones, np.zeros(2), self._blind_points, pose, reach + c.margin)
-            if self._approach(blind, course, command, c.margin)[0] > NOISE:
+            if self._approach(blind, course, command)[0] > ROUNDING:
                 command = self._creeping(command)
                 action, message = "slowed", "the lidar does not look where the body goes"
         points = self._near(self._ranges, self._origin, self._directions, pose, reach + max(slow, c.margin))
         if not len(points):
             return Decision(command, action, message)
         points = points[points[:, 2].argsort(kind="stable")]
-        if slow > c.margin and self._approach(points, course, command, c.slow_distance)[0] > NOISE:
+        if slow > c.margin and self._intrusion(points, course, command, c.slow_distance)[0] > ROUNDING:
             slowly = self._slowly(command)
             if slowly != command:
                 command, action, message = slowly, "slowed", f"something within {c.slow_distance:g} m of its way"
-        lack, which = self._approach(points, course, command, c.margin)
-        if lack <= NOISE:
+        lack, which = self._approach(points, course, command)
+        if lack <= ROUNDING:
             return Decision(command, action, message)
         return self._scaled(command, points, course, which)
 
     def _scaled(self, wanted: VelocityCommand, points: FloatArray, course: Course, which: int) -> Decision:
         """The greatest share of a command that is not safe as it is."""
-        margin = self._config.margin
         x, y = points[which, :2]
         place = f"a return {math.hypot(x, y):.2f} m off at {math.degrees(math.atan2(y, x)):.0f} degrees"
-        lack = self._approach(points, course, STOP, margin, math.inf)[0]
-        if lack > NOISE:  # braking comes too near as well
+        lack = self._approach(points, course, STOP, math.inf)[0]
+        if lack > ROUNDING:  # braking comes too near as well
             if self._escapes(wanted, points, course, lack):
                 return Decision(wanted, "passed", "")
-            return Decision(STOP, "stopped", f"too late to keep {margin:g} m from {place}")
+            return Decision(STOP, "stopped", f"too late to keep {self._config.margin:g} m from {place}")
 
         def share_of(safe: float, *, turn_only: bool = False) -> float:
             """The greatest safe share of the command, or of its turn."""
@@ -151,7 +157,7 @@ class CollisionMonitor:
             for _ in range(_HALVINGS):
                 share = 0.5 * (least + most)
                 tried = _share(wanted, safe if turn_only else share, share)
-                if self._approach(points, course, tried, margin)[0] > NOISE:
+                if self._approach(points, course, tried)[0] > ROUNDING:
                     most = share
                 else:
                     least = share
@@ -165,14 +171,24 @@ class CollisionMonitor:
 
     def _escapes(self, wanted: VelocityCommand, points: FloatArray, course: Course, lack: float) -> bool:
         """Whether a command keeps as far off as braking at once, which comes too near, and touches nothing."""
-        if self._approach(points, course, wanted, self._config.margin, lack)[0] > lack:
+        if self._approach(points, course, wanted, lack)[0] > lack:
             return False
-        return self._approach(points, course, wanted, 0.0)[0] <= NOISE
+        return self._intrusion(points, course, wanted, 0.0)[0] <= ROUNDING
 
     def _approach(
-        self, points: FloatArray, course: Course, command: VelocityCommand, margin: float, enough: float = NOISE
+        self, points: FloatArray, course: Course, command: VelocityCommand, enough: float = ROUNDING
     ) -> tuple[float, int]:
-        """How much too near the body comes under a command, and to which point."""
+        """How much nearer than the margin, or than it is already, the body comes under a command; to which point."""
+        keep, clearance = self._config.margin, points[:, 2].min(initial=np.inf)
+        if clearance < keep:
+            turns = command.v_x == command.v_y == 0.0
+            keep = min(keep, max(clearance - _TURN if turns else clearance, _FLOOR))
+        return self._intrusion(points, course, command, keep, enough)
+
+    def _intrusion(
+        self, points: FloatArray, course: Course, command: VelocityCommand, margin: float, enough: float = ROUNDING
+    ) -> tuple[float, int]:
+        """How much nearer than a margin the body comes under a command, and to which point."""
         out = self._poses
         count = roll_out(course, np.array(command), self._outline.radius, out)
         return intrusion(points, out.poses[:count], out.travel[:count], self._outline, margin, enough)

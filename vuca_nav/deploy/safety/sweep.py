@@ -12,8 +12,8 @@ MOST_POSES = 256
 """Greatest number of poses of a motion."""
 LONGEST_STEP = 1.0 / 30.0
 """Longest time between two poses [s]; it is longer for a motion of more than ``MOST_POSES``."""
-NOISE = 1e-3
-"""Approach that is none [m]: a millimetre of rounding and of time steps."""
+ROUNDING = 1e-6
+"""Approach that is none [m]."""
 
 
 class Outline(NamedTuple):
@@ -198,10 +198,36 @@ def gather(ranges, origin, directions, start, reach, outline, out):
 
 
 @njit(cache=True)
+def smooth(ranges, reach, surface, out):
+    """Write ranges averaged over neighbouring beams that end on the same surface; others stay as they are.
+
+    Args:
+        ranges: (num_beams,) [m]; what is not finite stays.
+        reach: Number of neighbours on each side.
+        surface: Difference of ranges up to which two returns are of the same surface [m].
+        out: (num_beams,) written to [m].
+    """
+    count = len(ranges)
+    for b in range(count):
+        r = ranges[b]
+        out[b] = r
+        if not r < np.inf:
+            continue
+        total, n = r, 1
+        for k in range(1, reach + 1):  # in pairs: on a slanting wall one side alone would pull the point nearer
+            left, right = ranges[(b - k) % count], ranges[(b + k) % count]
+            if not (abs(left - r) <= surface and abs(right - r) <= surface):
+                break
+            total += left + right
+            n += 2
+        out[b] = total / n
+
+
+@njit(cache=True)
 def intrusion(points, poses, travel, outline, margin, enough):
     """How much a motion comes too near: the most by which a point gets nearer than the margin, or than it was [m].
 
-    A point that is within the margin at the start may stay where it is or get farther. Points are passed over by as
+    A point that is within the margin at the start may stay as near or get farther. Points are passed over by as
     many poses as the body needs to get to them.
 
     Args:
@@ -213,9 +239,9 @@ def intrusion(points, poses, travel, outline, margin, enough):
         enough: The search ends with the first intrusion above this [m].
 
     Returns:
-        The intrusion, ``NOISE`` or less for none; and the index of the point, -1 without one.
+        The intrusion, ``ROUNDING`` or less for none; and the index of the point, -1 without one.
     """
-    most, which, count = NOISE, -1, len(poses)
+    most, which, count = ROUNDING, -1, len(poses)
     for k in range(len(points)):
         keep = min(margin, points[k, 2])
         i, distance = 0, points[k, 2]
