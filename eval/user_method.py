@@ -1,10 +1,6 @@
 """Methods of the user's own: ``--method module:build``, a factory in the user's own Python."""
 
 import hashlib
-import importlib
-import re
-import sys
-import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,8 +14,7 @@ from vuca_nav.policy.base import LocalPolicy
 from vuca_nav.stack import Stack
 from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import BodySpec, LidarSpec
-
-_NAME = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
+from vuca_nav.user_code import Wanted, load_user_code, told
 
 
 class Request(NamedTuple):
@@ -65,7 +60,7 @@ class UserMethod:
         try:
             built = factory(request)
         except Exception as error:  # whatever the user's code raises is the user's to mend
-            raise BadArgument(f"--method {self.name}: {_told(error)}") from error
+            raise BadArgument(f"--method {self.name}: {told(error)}") from error
         if isinstance(built, LocalPolicy):
             slam = SlamConfig(localisation=request.localisation)
             return Navigator(request.body, request.lidar, built, NavigatorConfig(slam=slam), request.telemetry)
@@ -76,35 +71,5 @@ class UserMethod:
         return built
 
     def _load(self) -> tuple[ModuleType, Callable[[Request], object]]:
-        if not _NAME.fullmatch(self.name):
-            raise BadArgument(
-                f"--method {self.name}: a method of your own is the names of a module and of a function in it, as in "
-                "my_planner:build"
-            )
-        module_name, _, name = self.name.partition(":")
-        if "" not in sys.path and str(Path.cwd()) not in sys.path:
-            sys.path.append(str(Path.cwd()))  # last, so that no file there hides a package
-        try:
-            module = importlib.import_module(module_name)
-        except ModuleNotFoundError as error:
-            if error.name is None or not f"{module_name}.".startswith(f"{error.name}."):
-                raise BadArgument(f"--method {self.name}: {_told(error)}") from error
-            raise BadArgument(
-                f"--method {self.name}: there is no module {error.name!r} in {Path.cwd()} or on Python's path"
-            ) from None
-        except Exception as error:  # as above
-            raise BadArgument(f"--method {self.name}: {_told(error)}") from error
-        factory = getattr(module, name, None)
-        if not callable(factory):
-            what = "has no" if factory is None else "has, but not as a function,"
-            raise BadArgument(
-                f"--method {self.name}: the module {module_name!r} {what} {name!r}; a function of a Request would be "
-                "right"
-            )
-        return module, factory
-
-
-def _told(error: Exception) -> str:
-    """An exception of the user's code in one line, with the place where it was raised."""
-    last = traceback.extract_tb(error.__traceback__)[-1]
-    return f"{type(error).__name__}: {error} ({last.filename}:{last.lineno})"
+        wanted = Wanted(f"--method {self.name}", "a method of your own", "my_planner:build", "a function of a Request")
+        return load_user_code(self.name, wanted)
