@@ -18,7 +18,7 @@ def rasterise(world: World, height: float = TALLEST) -> OccupancyGrid:
     """
     x_min, y_min, x_max, y_max = world.bounds
     grid = OccupancyGrid(GridConfig(), (0.5 * (x_min + x_max), 0.5 * (y_min + y_max)))
-    clearance = clearance_field(world.below(height), world.bounds, grid.resolution, cap=grid.resolution)
+    clearance = clearance_field(world.below(height), world.bounds, grid.resolution, grid.resolution, world.open_borders)
     occupied = clearance.distance <= 0.5 * grid.resolution
     grid.fill(np.where(occupied, 1, -1).astype(np.int8), clearance.origin)
     return grid

@@ -300,7 +300,7 @@ def scene_shapes(world: World) -> list[SceneShape]:
 def mover_shapes(world: World) -> list[SceneShape]:
     """The moving obstacles' parts in their movers' frames, as telemetry takes them."""
     return [
-        _scene_shape(part_name(m, p, mover.kind), part.shape, mover.kind)
+        replace(_scene_shape(part_name(m, p, mover.kind), part.shape, mover.kind), vanishes=mover.may_vanish)
         for m, mover in enumerate(world.movers)
         for p, part in enumerate(mover.parts)
     ]

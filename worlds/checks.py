@@ -9,9 +9,21 @@ import numpy as np
 from vuca_nav.errors import BadWorld
 from worlds.arrays import pack_shapes
 from worlds.clearance import ClearanceField, clearance_at, clearance_field, distance_to_wide_ways
+from worlds.motion.keyframes import place_of
 from worlds.scenes.parts.population import MOVER_WAY, WAY_MARGIN
 from worlds.shortest_path import shortest_path_length
-from worlds.world import TALLEST, Box, Mover, Patrol, RandomWalk, Shape, World
+from worlds.world import (
+    MAX_MOVER_SPEED,
+    TALLEST,
+    Box,
+    Keyframes,
+    Mover,
+    Patrol,
+    RandomWalk,
+    Shape,
+    UserMotion,
+    World,
+)
 
 MAX_EXTENT = 200.0
 """Greatest extent of the bounds along x and along y [m], for which the grids of paths and movers are made."""
@@ -53,7 +65,8 @@ def check_world(world: World, source: str = "") -> None:
 
     Raises:
         BadField: Empty or too large bounds; an obstacle too low for a contact; obstacles that cover each other many
-            times; start or goal inside an obstacle or out of bounds; a mover that starts in an obstacle or in another
+            times; a map with cells out of it; start or goal inside an obstacle or out of bounds; keyframes that are out
+            of order, too fast, or do not fit their period; a mover that starts in an obstacle or in another
             mover, does not fit into its own radius, has waypoints in walls, out of bounds or behind walls, patrols
             on the spot, or walks at random outside ways of 2.2 m width.
     """
@@ -68,14 +81,19 @@ def check_world(world: World, source: str = "") -> None:
         _check_height(obstacle.shape.base + obstacle.shape.height, f"obstacles[{i}]", source)
     for i, mover in enumerate(world.movers):
         _check_height(mover.top, f"movers[{i}]", source)
+    _check_grid(world, source)
     _check_cover(world, source)
     _check_place(world, "start", world.start[:2], 0.0, MIN_HEIGHT, source)
     _check_place(world, "goal", world.goal, 0.0, MIN_HEIGHT, source)
-    if not world.movers:
+    for i, mover in enumerate(world.movers):
+        _check_parts(mover, f"movers[{i}]", source)
+    if all(isinstance(mover.motion, Keyframes) for mover in world.movers):
         return
-    field = clearance_field(world.below(world.mover_height), world.bounds)
+    field = clearance_field(world.below(world.mover_height), world.bounds, is_open=world.open_borders)
     away = distance_to_wide_ways(field, MOVER_WAY)
     for i, mover in enumerate(world.movers):
+        if isinstance(mover.motion, Keyframes):
+            continue
         _check_mover(world, i, field, source)
         limit = MOVER_WAY / 2 - mover.radius - WAY_MARGIN
         if isinstance(mover.motion, RandomWalk) and away[field.cell(*mover.start[:2])] > limit:
@@ -107,12 +125,13 @@ def check_task(world: World, footprint_radius: float, source: str = "", height: 
     _check_place(world, "start", world.start[:2], footprint_radius, height, source)
     _check_place(world, "goal", world.goal, footprint_radius, height, source)
     for i, mover in enumerate(world.movers):
-        gap = math.dist(mover.start[:2], world.start[:2]) - mover.radius - footprint_radius
-        if gap < START_MARGIN and mover.base < height:
+        place, there = place_of(mover.motion) if isinstance(mover.motion, Keyframes) else (mover.start, True)
+        gap = math.dist(place[:2], world.start[:2]) - mover.radius - footprint_radius
+        if gap < START_MARGIN and mover.base < height and there:
             raise BadField(
                 source,
                 "start",
-                f"movers[{i}] (a {mover.kind}) begins at ({mover.start.x:g}, {mover.start.y:g}), "
+                f"movers[{i}] (a {mover.kind}) begins at ({place.x:g}, {place.y:g}), "
                 f"{gap:.2f} m from the body; {START_MARGIN:g} m or more between them would be right",
             )
     length = shortest_path_length(world, footprint_radius, height)
@@ -155,15 +174,18 @@ def _check_cover(world: World, source: str) -> None:
 def _check_place(
     world: World, field: str, point: tuple[float, float], radius: float, height: float, source: str
 ) -> None:
-    """Refuse a point out of bounds, or nearer than ``radius`` to them or to an obstacle below ``height``."""
+    """Refuse a point out of bounds, or nearer than ``radius`` to them or to an obstacle below ``height``.
+
+    Movers may be out of open bounds, start and goal may not.
+    """
     (x0, y0, x1, y1), (x, y) = world.bounds, point
-    if not (x0 <= x <= x1 and y0 <= y <= y1):
+    if not (world.open_borders and field.startswith("movers")) and not (x0 <= x <= x1 and y0 <= y <= y1):
         raise BadField(
             source,
             field,
             f"({x:g}, {y:g}) is out of bounds; x from {x0:g} to {x1:g} and y from {y0:g} to {y1:g} would be right",
         )
-    to_bounds = min(x - x0, x1 - x, y - y0, y1 - y)
+    to_bounds = math.inf if world.open_borders else min(x - x0, x1 - x, y - y0, y1 - y)
     if to_bounds < radius:
         raise BadField(
             source, field, f"({x:g}, {y:g}) is {to_bounds:.2f} m from the bounds; {radius:g} m around it must be free"
@@ -193,18 +215,68 @@ def part_reach(shape: Shape, swing: float) -> float:
     return reach
 
 
-def _check_mover(world: World, i: int, field: ClearanceField, source: str) -> None:
-    """Refuse a mover that does not fit into its radius, starts in something, or cannot go its way."""
-    mover = world.movers[i]
+def _check_parts(mover: Mover, name: str, source: str) -> None:
+    """Refuse a mover that does not fit into its radius, and keyframes that cannot be followed."""
     reach = max(part_reach(part.shape, part.swing) for part in mover.parts)
     if mover.radius < reach - _ROUNDING:
         raise BadField(
-            source,
-            f"movers[{i}].radius",
-            f"{mover.radius:g} does not hold the parts; {reach:.3f} or more would be right",
+            source, f"{name}.radius", f"{mover.radius:g} does not hold the parts; {reach:.3f} or more would be right"
         )
+    motion = mover.motion
+    if not isinstance(motion, Keyframes):
+        return
+    if mover.sighted:
+        raise BadField(source, f"{name}.sighted", "keyframes give way to nobody; false, or leaving it out, is right")
+    for k, (before, after) in enumerate(pairwise(motion.times), start=1):
+        if after <= before:
+            raise BadField(
+                source,
+                f"{name}.motion.keyframes[{k}]",
+                f"its time, {after:g} s, is not after {before:g} s before it; times in order would be right",
+            )
+    span = motion.times[-1] - motion.times[0]
+    if motion.period is not None and motion.period < span - _ROUNDING:
+        raise BadField(
+            source,
+            f"{name}.motion.period",
+            f"{motion.period:g} s is shorter than the keyframes, which take {span:g} s; that or more would be right",
+        )
+    at_once = motion.period is not None and motion.period <= span and not motion.jumps
+    if at_once and math.dist(motion.points[0], motion.points[-1]) > _ROUNDING:
+        raise BadField(
+            source,
+            f"{name}.motion.period",
+            f"no time is left to go back to the first place; jumps: true, or more than {span:g} s, would be right",
+        )
+    if motion.speed > MAX_MOVER_SPEED + _ROUNDING:
+        raise BadField(
+            source,
+            f"{name}.motion.keyframes",
+            f"it moves at {motion.speed:.1f} m/s; {MAX_MOVER_SPEED:g} m/s or less would be right",
+        )
+
+
+def _check_grid(world: World, source: str) -> None:
+    """Refuse rectangles that reach out of their map."""
+    grid = world.grid
+    if grid is None:
+        return
+    for name, rectangles in (("walls", grid.walls), ("unknown", grid.unknown)):
+        for k, (column, row, columns, rows) in enumerate(rectangles):
+            if columns < 1 or rows < 1 or column + columns > grid.size[0] or row + rows > grid.size[1]:
+                raise BadField(
+                    source,
+                    f"map.{name}[{k}]",
+                    f"{columns} x {rows} cells from ({column}, {row}) are none of a map of {grid.size[0]} x "
+                    f"{grid.size[1]}; one cell or more within it would be right",
+                )
+
+
+def _check_mover(world: World, i: int, field: ClearanceField, source: str) -> None:
+    """Refuse a mover that starts in something, or cannot go its way. One by keyframes may go through anything."""
+    mover = world.movers[i]
     _check_place(world, f"movers[{i}].start", mover.start[:2], mover.radius, world.mover_height, source)
-    if isinstance(mover.motion, RandomWalk):
+    if isinstance(mover.motion, RandomWalk | Keyframes | UserMotion):
         return
     name, waypoints = f"movers[{i}].motion.waypoints", mover.motion.waypoints
     for k, point in enumerate(waypoints):
@@ -258,13 +330,17 @@ def _first_hit(
 
 
 def _check_apart(movers: Sequence[Mover], source: str) -> None:
-    """Refuse movers that overlap at the start: two that react to each other never come apart again."""
+    """Refuse movers that overlap at the start: two that react to each other never come apart again.
+
+    Those by keyframes react to nobody, and may have been recorded so.
+    """
     starts = np.array([mover.start[:2] for mover in movers])
     radii = np.array([mover.radius for mover in movers])
     for i in range(1, len(movers)):
         gaps = np.hypot(*(starts[:i] - starts[i]).T) - radii[:i] - radii[i]
+        gaps[[isinstance(mover.motion, Keyframes) for mover in movers[:i]]] = math.inf
         j = int(gaps.argmin())
-        if gaps[j] < -_ROUNDING:
+        if gaps[j] < -_ROUNDING and not isinstance(movers[i].motion, Keyframes):
             x, y, _ = movers[j].start
             raise BadField(
                 source,

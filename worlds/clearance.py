@@ -77,14 +77,16 @@ def clearance_field(
     bounds: tuple[float, float, float, float],
     resolution: float = 0.1,
     cap: float = 1.5,
+    is_open: bool = False,
 ) -> ClearanceField:
     """Exact clearance at every cell's centre, whatever the obstacles' heights.
 
     Args:
         obstacles: The static obstacles.
-        bounds: x_min, y_min, x_max, y_max; the space beyond them counts as solid [m].
+        bounds: x_min, y_min, x_max, y_max; the space beyond them counts as solid, unless they are open [m].
         resolution: Side of a cell [m].
         cap: Distances above this are reported as this; the cost grows with it [m].
+        is_open: Whether the bounds are open, with free space beyond.
     """
     x_min, y_min, x_max, y_max = bounds
     columns = max(math.ceil((x_max - x_min) / resolution - 1e-9), 1)
@@ -93,7 +95,7 @@ def clearance_field(
     y = y_min + (np.arange(rows) + 0.5) * resolution
     to_side = np.minimum(x - x_min, x_max - x).clip(0.0, cap)
     to_end = np.minimum(y - y_min, y_max - y).clip(0.0, cap)
-    distance = np.minimum(to_side[None, :], to_end[:, None])
+    distance = np.full((rows, columns), cap) if is_open else np.minimum(to_side[None, :], to_end[:, None])
     shapes = pack_shapes([obstacle.shape for obstacle in obstacles])
     _stamp_shapes(shapes.is_cylinder, shapes.centre, shapes.half, shapes.yaw, x_min, y_min, resolution, cap, distance)
     return ClearanceField(distance, (x_min, y_min), resolution)

@@ -48,6 +48,12 @@ class Crowd(NamedTuple):
 def _mark_capsule(unsafe, stamp, begin, end, reach, grid):
     """Mark the cells whose centres are nearer than ``reach`` to the segment from ``begin`` to ``end``."""
     x0, y0, x1, y1 = begin[0], begin[1], end[0], end[1]
+    if not math.isfinite(x0):  # it is not there yet: only its end counts, if it appears in between
+        x0, y0 = x1, y1
+    if not math.isfinite(x1):
+        x1, y1 = x0, y0
+    if not math.isfinite(x0):
+        return
     h = grid.resolution
     rows, columns = unsafe.shape
     first_column = max(int((min(x0, x1) - reach - grid.x) / h), 0)

@@ -11,7 +11,7 @@ from worlds.checks import check_task
 from worlds.importers.scene_file import load_scene
 from worlds.scenes import building, crossing, double_branch, factory, square, training
 from worlds.scenes.parts.generation import stream
-from worlds.world import TALLEST, Mover, World
+from worlds.world import MAX_MOVER_SPEED, TALLEST, Keyframes, Mover, World, at_speed
 
 DIFFICULTIES = {
     "V": "volatile: things move",
@@ -25,9 +25,6 @@ TRAINING_SEED = 1_000_000
 SCENE_SUFFIXES = (".yaml", ".yml")
 FASTEST_FACTOR = 2.5
 """Greatest factor on the movers' speeds: the square's fastest then moves at ``MAX_MOVER_SPEED``."""
-MAX_MOVER_SPEED = 5.0
-"""Greatest speed of a mover [m/s], as in scene files; the simulation finds every contact of bodies that close in at no
-more than 6 m/s."""
 CORRIDOR_KINDS = ("wall", "block", "shelf")
 
 
@@ -211,7 +208,7 @@ def _turned(
 ) -> tuple[Mover, ...]:
     """The movers at other speeds, and the given share of them sighted."""
     if speed != 1.0:
-        movers = tuple(replace(m, motion=replace(m.motion, speed=speed * m.motion.speed)) for m in movers)
+        movers = tuple(replace(m, motion=at_speed(m.motion, speed)) for m in movers)
         fastest = max((m.motion.speed for m in movers), default=0.0)
         if fastest > MAX_MOVER_SPEED:
             raise BadArgument(
@@ -220,8 +217,11 @@ def _turned(
             )
     if sighted is not None:
         # Every mover has a lot of its own: a greater share takes more of the same order.
-        order = np.argsort(stream("sighted", seed).random(len(movers)), kind="stable")
-        seeing = {int(i) for i in order[: round(sighted * len(movers))]}
+        can_see = [i for i, mover in enumerate(movers) if not isinstance(mover.motion, Keyframes)]
+        if movers and not can_see:
+            raise BadArgument(f"--sighted {sighted:g}: the movers of {source} follow keyframes and give way to nobody")
+        order = np.argsort(stream("sighted", seed).random(len(can_see)), kind="stable")
+        seeing = {can_see[int(i)] for i in order[: round(sighted * len(can_see))]}
         movers = tuple(replace(m, sighted=i in seeing) for i, m in enumerate(movers))
     return movers
 

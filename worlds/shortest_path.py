@@ -37,7 +37,7 @@ class Occupancy:
 
 
 def occupancy(world: World, resolution: float = 0.1, inflation: float = 0.0, height: float = TALLEST) -> Occupancy:
-    """Occupancy of the static obstacles and of all beyond the bounds, inflated; movers are left out.
+    """Occupancy of the static obstacles and of all beyond bounds that are not open, inflated; movers are left out.
 
     Args:
         world: Any world.
@@ -45,7 +45,8 @@ def occupancy(world: World, resolution: float = 0.1, inflation: float = 0.0, hei
         inflation: A cell is blocked if its centre is inside a solid, or less than this away from one [m].
         height: Obstacles that hang higher than this are left out [m].
     """
-    field = clearance_field(world.below(height), world.bounds, resolution, max(inflation, resolution) + resolution)
+    cap = max(inflation, resolution) + resolution
+    field = clearance_field(world.below(height), world.bounds, resolution, cap, world.open_borders)
     return Occupancy(field.distance < max(inflation, 1e-9), field.origin, resolution)
 
 

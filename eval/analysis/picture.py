@@ -125,6 +125,8 @@ def _draw_movers(axes: Axes, world: World, part_poses: FloatArray, touched: int)
 
 def _draw_shape(axes: Axes, shape: Shape, pose: tuple[float, ...], colour: str, alpha: float) -> None:
     x, y, yaw = pose
+    if not np.isfinite(x):  # a mover that is not there
+        return
     if isinstance(shape, Cylinder):
         axes.add_patch(Circle((x, y), shape.radius, color=colour, alpha=alpha, linewidth=0))
         return

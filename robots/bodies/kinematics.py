@@ -5,6 +5,10 @@ import math
 from vuca_nav.kernel_cache import njit
 from vuca_nav.types import FloatArray
 
+AWAY = 1e5
+"""Coordinate of movers that are not there [m]: worlds end at 10,000 m."""
+APART = 10.0
+"""Distance between them [m]: bodies at one place would be tested against each other."""
 STEEPEST = 0.1
 """Squared cosine of the greatest pitch at which a heading is defined: 72 degrees."""
 
@@ -54,9 +58,12 @@ def rotation_of(qpos, height, rotation, origin):
 
 @njit(cache=True)
 def place_mocap(part_poses, positions, quaternions):
-    """Move mocap bodies to x, y, yaw (n, 3); their heights stay."""
+    """Move mocap bodies to x, y, yaw (n, 3); their heights stay. Those that are not there stand far away, and apart."""
     for i in range(len(part_poses)):
-        positions[i, 0], positions[i, 1] = part_poses[i, 0], part_poses[i, 1]
+        if math.isfinite(part_poses[i, 0]):
+            positions[i, 0], positions[i, 1] = part_poses[i, 0], part_poses[i, 1]
+        else:
+            positions[i, 0], positions[i, 1] = AWAY + APART * i, AWAY
         half = 0.5 * part_poses[i, 2]
         quaternions[i, 0], quaternions[i, 3] = math.cos(half), math.sin(half)
         quaternions[i, 1] = quaternions[i, 2] = 0.0

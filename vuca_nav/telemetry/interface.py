@@ -29,6 +29,8 @@ class SceneShape:
     """[rad]"""
     category: str
     """"wall", "block", "shelf", "pillar", "low" or a mover's kind: it decides the colour."""
+    vanishes: bool = False
+    """Whether it may be gone: then its place is infinite."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +91,7 @@ class Telemetry:
         """True pose of the robot."""
 
     def movers(self, poses: FloatArray) -> None:
-        """True poses of the movers' parts: (n, 3) x, y, yaw in the world; centre heights are static."""
+        """True poses of the movers' parts: (n, 3) x, y, yaw in the world, ``inf`` for one that is not there now."""
 
     # -- the stack's side: estimates and decisions -------------------------------------------------
 

@@ -15,26 +15,14 @@ from jsonschema.exceptions import ValidationError, best_match
 
 from vuca_nav.data_files import shown
 from vuca_nav.errors import BadWorld
-from vuca_nav.types import Pose2
-from vuca_nav.yaml_file import is_plain_text, read_yaml
+from vuca_nav.yaml_file import Limits, is_plain_text, read_yaml
 from worlds.checks import BadField, check_world
-from worlds.world import (
-    Box,
-    Cylinder,
-    Motion,
-    Mover,
-    MoverPart,
-    Obstacle,
-    Patrol,
-    RandomWalk,
-    Shape,
-    SocialForce,
-    Way,
-    World,
-)
+from worlds.importers.scene_document import document_of, world_from
+from worlds.world import UserMotion, World
 
-FORMAT = "vuca-scene-1"
 SCHEMA_FILE = Path(__file__).with_name("scene.schema.json")
+LIMITS = Limits(nodes=1_000_000)
+"""Bounds of a scene file: recorded people of an hour are 200,000 keyframes of four values."""
 MOST_ERRORS = 100
 """Number of errors that are looked at: one is told, and a file can be wrong everywhere."""
 TYPE_NAMES = {
@@ -47,17 +35,18 @@ TYPE_NAMES = {
 }
 
 
-def load_scene(path: str | Path) -> World:
+def load_scene(path: str | Path, *, trust: bool = False) -> World:
     """The world that a scene file describes.
 
     Args:
         path: Path of a YAML file after ``scene.schema.json``.
+        trust: Whether motions of the user's own, which are Python code, may be run.
 
     Raises:
         BadWorld: No such file, broken YAML, a field that is not as the schema wants it, or a world that fails
             :func:`worlds.checks.check_world`; the message gives the file, the field and its line.
     """
-    document = read_yaml(path, BadWorld)
+    document = read_yaml(path, BadWorld, LIMITS)
     try:
         for field, number in _numbers(document.value):
             if not math.isfinite(number):
@@ -65,7 +54,14 @@ def load_scene(path: str | Path) -> World:
         error = best_match(islice(_validator().iter_errors(document.value), MOST_ERRORS), key=_relevance)
         if error is not None:
             raise BadField(str(path), _field(error), _problem(error))
-        world = _world_from(document.value)
+        world = world_from(document.value)
+        for i, mover in enumerate(world.movers):
+            if isinstance(mover.motion, UserMotion) and not trust:
+                raise BadField(
+                    str(path),
+                    f"movers[{i}].motion.class",
+                    f"{shown(mover.motion.name)} is Python code of your own; --trust runs it, if you trust it",
+                )
         check_world(world, str(path))
     except BadField as error:
         line = document.line_of(error.field)
@@ -83,7 +79,7 @@ def save_scene(world: World, path: str | Path) -> None:
     Raises:
         BadWorld: The file cannot be written.
     """
-    text = yaml.dump(_document_of(world), Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=110)
+    text = yaml.dump(document_of(world), Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=110)
     try:
         Path(path).write_text(text, encoding="utf-8")
     except OSError as error:
@@ -166,49 +162,6 @@ def _problem(error: ValidationError) -> str:
     return error.message
 
 
-def _point_from(d: dict) -> tuple[float, float]:
-    return float(d["x"]), float(d["y"])
-
-
-def _pose_from(d: dict) -> Pose2:
-    return Pose2(float(d["x"]), float(d["y"]), float(d["yaw"]))
-
-
-def _shape_from(d: dict) -> Shape:
-    numbers = {key: float(value) for key, value in d.items() if key != "type"}
-    return Box(**numbers) if d["type"] == "box" else Cylinder(**numbers)
-
-
-def _motion_from(d: dict) -> Motion:
-    if d["type"] == "random_walk":
-        return RandomWalk(float(d["speed"]), int(d["seed"]))
-    kind = Patrol if d["type"] == "patrol" else SocialForce
-    return kind(float(d["speed"]), tuple(_point_from(point) for point in d["waypoints"]))
-
-
-def _mover_from(d: dict) -> Mover:
-    parts = tuple(MoverPart(_shape_from(p["shape"]), float(p.get("swing", 0.0))) for p in d["parts"])
-    motion, start = _motion_from(d["motion"]), _pose_from(d["start"])
-    return Mover(d["kind"], parts, float(d["radius"]), start, motion, d.get("sighted"))
-
-
-def _box_from(b: dict) -> tuple[float, float, float, float]:
-    return float(b["x_min"]), float(b["y_min"]), float(b["x_max"]), float(b["y_max"])
-
-
-def _world_from(d: dict) -> World:
-    return World(
-        d["name"],
-        int(d["seed"]),
-        _box_from(d["bounds"]),
-        tuple(Obstacle(o["kind"], _shape_from(o["shape"]), o.get("outer", False)) for o in d["obstacles"]),
-        tuple(_mover_from(m) for m in d["movers"]),
-        _pose_from(d["start"]),
-        _point_from(d["goal"]),
-        tuple(Way(way["name"], _box_from(way["box"])) for way in d.get("ways", ())),
-    )
-
-
 # -- writing -------------------------------------------------------------------------------------------------------
 
 
@@ -221,69 +174,3 @@ def _text(dumper: _Dumper, text: str) -> yaml.ScalarNode:
 
 
 _Dumper.add_representer(str, _text)
-
-
-def _point(point: tuple[float, float]) -> dict:
-    return {"x": float(point[0]), "y": float(point[1])}
-
-
-def _pose(pose: Pose2) -> dict:
-    return {"x": float(pose.x), "y": float(pose.y), "yaw": float(pose.yaw)}
-
-
-def _shape(shape: Shape) -> dict:
-    d: dict[str, Any] = {"type": "box" if isinstance(shape, Box) else "cylinder"}
-    names = Box.__dataclass_fields__ if isinstance(shape, Box) else Cylinder.__dataclass_fields__
-    d |= {name: float(getattr(shape, name)) for name in names}
-    if shape.base == 0.0:
-        del d["base"]
-    return d
-
-
-def _obstacle(obstacle: Obstacle) -> dict:
-    d = {"kind": obstacle.kind, "shape": _shape(obstacle.shape)}
-    return {**d, "outer": True} if obstacle.outer else d
-
-
-def _motion(motion: Motion) -> dict:
-    if isinstance(motion, RandomWalk):
-        return {"type": "random_walk", "speed": float(motion.speed), "seed": int(motion.seed)}
-    return {
-        "type": "patrol" if isinstance(motion, Patrol) else "social_force",
-        "speed": float(motion.speed),
-        "waypoints": [_point(point) for point in motion.waypoints],
-    }
-
-
-def _part(part: MoverPart) -> dict:
-    swing = {"swing": float(part.swing)} if part.swing else {}
-    return {"shape": _shape(part.shape), **swing}
-
-
-def _box(box: tuple[float, float, float, float]) -> dict:
-    return dict(zip(("x_min", "y_min", "x_max", "y_max"), map(float, box)))
-
-
-def _document_of(world: World) -> dict:
-    ways = {"ways": [{"name": way.name, "box": _box(way.box)} for way in world.ways]} if world.ways else {}
-    return {
-        "format": FORMAT,
-        "name": world.name,
-        "seed": int(world.seed),
-        "bounds": _box(world.bounds),
-        "start": _pose(world.start),
-        "goal": _point(world.goal),
-        "obstacles": [_obstacle(o) for o in world.obstacles],
-        "movers": [
-            {
-                "kind": m.kind,
-                "radius": float(m.radius),
-                "start": _pose(m.start),
-                "motion": _motion(m.motion),
-                "parts": [_part(part) for part in m.parts],
-                **({} if m.sighted is None else {"sighted": m.sighted}),
-            }
-            for m in world.movers
-        ],
-        **ways,
-    }

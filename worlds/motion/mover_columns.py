@@ -1,6 +1,6 @@
 """Names of the columns of the movers' arrays, for the kernels that work on them."""
 
-RANDOM_WALK, PATROL, SOCIAL_FORCE = 0, 1, 2
+RANDOM_WALK, PATROL, SOCIAL_FORCE, KEYFRAMES, USER_MOTION = range(5)
 """Values of ``MOTION``."""
 MOTION, SPEED, RADIUS, FIRST_WAYPOINT, WAYPOINTS = range(5)
 """Columns of a mover's constants."""

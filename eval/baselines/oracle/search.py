@@ -293,6 +293,8 @@ def _bar_movers(after, future, scene, reach, tick, length):
         if half_x < 0.0:
             continue
         px, py, cos, sin = future.parts[tick, p]
+        if not math.isfinite(px):  # not there, or not known
+            continue
         around = (math.hypot(half_x, half_y) + max(reach, 0.0)) / length + 1.0
         column, row = (px - scene.origin_x) / length - 0.5, (py - scene.origin_y) / length - 0.5
         for i in range(max(int(row - around), 0), min(int(row + around) + 2, after.shape[0] - 2)):

@@ -42,7 +42,8 @@ class Oracle(Stack):
         self.body = truth.body.spec
         height = truth.body.height
         obstacles = [o for o in truth.world.obstacles if o.shape.base < height]
-        self._static = clearance_field(obstacles, truth.world.bounds, RESOLUTION, REACH)
+        world = truth.world
+        self._static = clearance_field(obstacles, world.bounds, RESOLUTION, REACH, world.open_borders)
         self._outlines = outlines_of(truth.movers, height)
         self._is_certain = config.knows_future and not truth.reacts
         self.reset(truth.world.start, truth.world.goal)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -92,7 +93,8 @@ def safety_grid(safety: SafetyMap) -> rr.GridMap | None:
 class Solids:
     """Upright boxes and cylinders under one entity path: sizes logged once, poses as often as needed.
 
-    Two entities, ``path/boxes`` and ``path/cylinders``, whatever the number of shapes.
+    Two entities, ``path/boxes`` and ``path/cylinders``, whatever the number of shapes. Where a shape may vanish, sizes
+    come with the poses: one that is not there has none.
 
     Args:
         path: Entity path.
@@ -105,37 +107,39 @@ class Solids:
         self._boxes = np.array([i for i, s in enumerate(shapes) if s.kind == "box"], dtype=np.intp)
         self._cylinders = np.array([i for i, s in enumerate(shapes) if s.kind == "cylinder"], dtype=np.intp)
         self._heights = np.array([s.centre[2] for s in shapes])
+        self._half = np.array([s.half_size for s in shapes]).reshape(-1, 3)
+        self._vanish = any(shape.vanishes for shape in shapes)
 
     def log_model(self, stream: rr.RecordingStream, fill_mode: rr.components.FillMode) -> None:
-        """Log sizes and colours, static."""
-        half = np.array([s.half_size for s in self._shapes]).reshape(-1, 3)
+        """Log colours, and the sizes of shapes that stay, static."""
         colours = np.array([CATEGORY_COLOURS.get(s.category, OTHER_CATEGORY) for s in self._shapes], dtype=np.uint8)
-        if len(self._boxes):
-            chosen = self._boxes
-            boxes = rr.Boxes3D.from_fields(half_sizes=half[chosen], colors=colours[chosen], fill_mode=fill_mode)
-            stream.log(f"{self._path}/boxes", boxes, static=True)
-        if len(self._cylinders):
-            chosen = self._cylinders
-            cylinders = rr.Cylinders3D.from_fields(
-                lengths=2.0 * half[chosen, 2],
-                radii=half[chosen, 0],
-                colors=colours[chosen],
-                fill_mode=fill_mode,
-            )
-            stream.log(f"{self._path}/cylinders", cylinders, static=True)
+        for name, kind, chosen in self._entities():
+            sizes = {} if self._vanish else _sizes(name, self._half[chosen])
+            shapes = kind.from_fields(**sizes, colors=colours[chosen], fill_mode=fill_mode)
+            stream.log(f"{self._path}/{name}", shapes, static=True)
 
     def log_poses(self, stream: rr.RecordingStream, poses: FloatArray, *, static: bool = False) -> None:
-        """Log their poses, (n, 3) as x, y, yaw [m, rad]."""
-        centres = np.column_stack([poses[:, :2], self._heights])
-        if len(self._boxes):
-            half_yaw = poses[self._boxes, 2] / 2.0
-            zero = np.zeros_like(half_yaw)
-            quaternions = np.column_stack([zero, zero, np.sin(half_yaw), np.cos(half_yaw)])
-            boxes = rr.Boxes3D.from_fields(centers=centres[self._boxes], quaternions=quaternions)
-            stream.log(f"{self._path}/boxes", boxes, static=static)
-        if len(self._cylinders):
-            cylinders = rr.Cylinders3D.from_fields(centers=centres[self._cylinders])
-            stream.log(f"{self._path}/cylinders", cylinders, static=static)
+        """Log their poses, (n, 3) as x, y, yaw [m, rad]; one that is not there has an infinite place."""
+        there = np.isfinite(poses[:, :1])
+        centres = np.column_stack([np.where(there, poses[:, :2], 0.0), self._heights])
+        half = np.where(there, self._half, 0.0)
+        for name, kind, chosen in self._entities():
+            fields = _sizes(name, half[chosen]) if self._vanish else {}
+            if name == "boxes":
+                half_yaw = poses[chosen, 2] / 2.0
+                zero = np.zeros_like(half_yaw)
+                fields["quaternions"] = np.column_stack([zero, zero, np.sin(half_yaw), np.cos(half_yaw)])
+            stream.log(f"{self._path}/{name}", kind.from_fields(**fields, centers=centres[chosen]), static=static)
+
+    def _entities(self) -> list[tuple[str, Any, NDArray[np.intp]]]:
+        """Name, archetype and shapes of each entity that there is."""
+        both = ("boxes", rr.Boxes3D, self._boxes), ("cylinders", rr.Cylinders3D, self._cylinders)
+        return [entity for entity in both if len(entity[2])]
+
+
+def _sizes(name: str, half: FloatArray) -> dict[str, Any]:
+    """Fields of the sizes of boxes or cylinders, from their half sizes (n, 3) [m]."""
+    return {"half_sizes": half} if name == "boxes" else {"lengths": 2.0 * half[:, 2], "radii": half[:, 0]}
 
 
 class Trail:

@@ -204,7 +204,7 @@ class RerunTelemetry(Telemetry):
         self._log_errors()
 
     def movers(self, poses: FloatArray) -> None:
-        """True poses of the movers' parts: (n, 3) x, y, yaw in the world; centre heights are static."""
+        """True poses of the movers' parts: (n, 3) x, y, yaw in the world, ``inf`` for one that is not there now."""
         if self._movers is not None and self._writer.due("movers", _POSE_PERIOD):
             self._movers.log_poses(self._writer.stream, poses)
 
