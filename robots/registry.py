@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+from robots.bodies.a1 import A1
 from robots.bodies.body import Body
 from robots.bodies.go2 import GO2, Go2
 from robots.bodies.tiago import Tiago
@@ -10,7 +11,7 @@ from vuca_nav.errors import UnknownName
 
 ROBOTS: dict[str, Callable[[], Body]] = {"go2": Go2, "tiago": Tiago}
 
-QUADRUPEDS: dict[str, QuadrupedConfig] = {GO2.spec.name: GO2}
+QUADRUPEDS: dict[str, QuadrupedConfig] = {config.spec.name: config for config in (A1, GO2)}
 """Quadrupeds by name; ``vuca train locomotion`` makes their gaits."""
 
 

@@ -32,6 +32,7 @@ from train.locomotion.kernels import (
 )
 from train.locomotion.randomise import Randomisation, randomise
 from train.locomotion.rewards import REWARDS, RewardWeights
+from vuca_nav.types import BodySpec, FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +46,9 @@ class EnvironmentConfig:
     """Rate of the gait [Hz]."""
     episode: float = 20.0
     """Longest episode [s]."""
-    command_range: tuple[float, float, float, float, float, float] = (-0.7, 1.35, -0.5, 0.5, -1.4, 1.4)
-    """Lowest and highest v_x, v_y [m/s] and w_z [rad/s]: the range of commands, widened by the greatest trim."""
+    command_margin: tuple[float, float, float, float, float, float] = (0.1, 0.15, 0.1, 0.1, 0.2, 0.2)
+    """Amounts by which commands go beyond the robot's limits, lowest and highest v_x, v_y [m/s] and w_z [rad/s]: the
+    greatest trim and a little more."""
     push_speed: float = 1.2
     """Largest sudden change of velocity [m/s]."""
     push_interval: float = 3.0
@@ -118,6 +120,7 @@ class LocomotionEnvironment:
         self._chance = Chance(self._uniform, self._normal)
         self._observations = Observations(self._observation, self._privileged)
         self._weights = RewardWeights()
+        self._low, self._high = command_range(robot.spec, config.command_margin)
         self._draw_bodies(np.arange(n))
 
     def new_floors(self, share: float) -> None:
@@ -156,8 +159,7 @@ class LocomotionEnvironment:
         if self._due.any():  # their episodes are over, their next ones have not begun
             self._draw_bodies(np.flatnonzero(self._due))
             self._due[:] = False
-        low = np.array(config.command_range[0::2]) * self.difficulty
-        high = np.array(config.command_range[1::2]) * self.difficulty
+        low, high = self._low * self.difficulty, self._high * self.difficulty
         challenge = Challenge(low, high, config.push_speed * self.difficulty, config.push_interval, self._wrap)
         go_on(
             self.model.legs, self.tuning, self._noise, batch, self._terminated | self._truncated, self._physics,
@@ -184,3 +186,11 @@ class LocomotionEnvironment:
     def reward_terms(self) -> dict[str, float]:
         """Mean of each part of the reward in the last step."""
         return dict(zip(REWARDS, self._terms.mean(axis=0).tolist()))
+
+
+def command_range(spec: BodySpec, margin: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
+    """Lowest and highest commands of a training (3,) each: the robot's limits, widened by ``margin`` (6,)."""
+    limits = np.array([spec.min_v_x, spec.max_v_x, -spec.max_v_y, spec.max_v_y, -spec.max_w_z, spec.max_w_z])
+    # Rounded to decimals: the last bit of a sum would make another training of the same numbers.
+    widened = np.round(limits + np.tile((-1.0, 1.0), 3) * margin, 9)
+    return widened[0::2], widened[1::2]

@@ -30,7 +30,7 @@ from train.locomotion.randomise import Randomisation, randomise_robot
 from vuca_nav.cli import run_module
 from vuca_nav.errors import BadArgument
 from vuca_nav.files import prepare_file, write_whole
-from vuca_nav.types import STOP, FloatArray, Pose2, VelocityCommand
+from vuca_nav.types import STOP, BodySpec, FloatArray, Pose2, VelocityCommand
 
 CONTROL, PHYSICS = 60, 300
 """Rates of control and physics, as in robots.simulation [Hz]."""
@@ -113,9 +113,10 @@ class Track:
                 self._qpos[:3] -= math.copysign(2.0 * reach, place) * along
 
 
-def grid() -> list[VelocityCommand]:
-    """Grid of 5 x 3 x 4 commands over v_x, v_y, w_z."""
-    axes = (np.linspace(-0.6, 1.2, 5), np.linspace(-0.4, 0.4, 3), np.linspace(-1.2, 1.2, 4))
+def grid(spec: BodySpec) -> list[VelocityCommand]:
+    """Grid of 5 x 3 x 4 commands over a body's range of v_x, v_y, w_z."""
+    v_x, v_y = np.linspace(spec.min_v_x, spec.max_v_x, 5), np.linspace(-spec.max_v_y, spec.max_v_y, 3)
+    axes = (v_x, v_y, np.linspace(-spec.max_w_z, spec.max_w_z, 4))
     return [VelocityCommand(*map(float, command)) for command in itertools.product(*axes)]
 
 
@@ -138,7 +139,7 @@ def track_grid(body: Quadruped, *, push_every: float | None, seconds: float = 10
     """
     errors: list[FloatArray] = []
     falls = 0
-    for k, command in enumerate(tqdm(grid(), desc="tracking", unit="command", file=sys.stderr)):
+    for k, command in enumerate(tqdm(grid(body.spec), desc="tracking", unit="command", file=sys.stderr)):
         track = Track(body, 1000 * seed + k, vary=True)
         rows = []
         for tick in range(round(seconds * CONTROL)):
@@ -173,7 +174,9 @@ def rough_floor(minute: int, rng: np.random.Generator) -> Floor:
 def count_falls(body: Quadruped, minutes: float, *, rough: bool, push_every: float = 5.0, seed: int = 0) -> int:
     """Count falls in minutes of random commands with pushes of 0.5 m/s, a new robot and floor each minute."""
     falls = 0
-    low, high = np.array([-0.6, -0.4, -1.2]), np.array([1.2, 0.4, 1.2])
+    spec = body.spec
+    low = np.array([spec.min_v_x, -spec.max_v_y, -spec.max_w_z])
+    high = np.array([spec.max_v_x, spec.max_v_y, spec.max_w_z])
     for minute in tqdm(range(math.ceil(minutes)), desc="falls", unit="min", file=sys.stderr):
         rng = np.random.default_rng((seed, minute, 7))
         floor = rough_floor(minute, rng) if rough else Floor()

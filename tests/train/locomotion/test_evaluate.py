@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from robots.bodies.go2 import GO2
+from robots.registry import QUADRUPEDS
 from tests.robots.gaits import untaught
 from train.locomotion import evaluate
 from train.locomotion.evaluate import CONTROL, Track, count_falls, grid, real_time_factor, track_grid
@@ -49,18 +50,18 @@ def puppet(monkeypatch):
     return Puppet
 
 
-def test_the_grid_covers_the_range():
-    commands = np.array(grid())
+@pytest.mark.parametrize("spec", [config.spec for config in QUADRUPEDS.values()], ids=list(QUADRUPEDS))
+def test_the_grid_covers_the_range(spec):
+    commands = np.array(grid(spec))
     assert commands.shape == (60, 3)
     assert len(set(map(tuple, commands.tolist()))) == 60
-    spec = GO2.spec
     assert commands.min(axis=0).tolist() == [spec.min_v_x, -spec.max_v_y, -spec.max_w_z]
     assert commands.max(axis=0).tolist() == [spec.max_v_x, spec.max_v_y, spec.max_w_z]
 
 
 def test_errors_over_the_grid_are_those_that_were_made(body, puppet):
     tracking = track_grid(body, push_every=None, seconds=3.0)
-    tenth = 0.1 * np.sqrt((np.array(grid()) ** 2).mean(axis=0))
+    tenth = 0.1 * np.sqrt((np.array(grid(GO2.spec)) ** 2).mean(axis=0))
     assert tracking.mean_error == pytest.approx(tenth)
     assert tracking.rmse == pytest.approx([np.hypot(tenth[0], 0.1), tenth[1], tenth[2]])
     assert (tracking.falls, tracking.commands) == (0, 60)
@@ -76,7 +77,7 @@ def test_pushes_and_falls_of_the_grid_are_counted(body, puppet, monkeypatch):
     tracking = track_grid(body, push_every=None, seconds=3.0)
     assert tracking.falls == 60
     # Of two seconds that count one is walked, the other lain: errors of a tenth and of all of the command.
-    whole = np.sqrt((np.array(grid()) ** 2).mean(axis=0))
+    whole = np.sqrt((np.array(grid(GO2.spec)) ** 2).mean(axis=0))
     assert tracking.mean_error == pytest.approx(0.55 * whole, abs=1e-3)
 
 
