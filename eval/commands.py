@@ -167,7 +167,8 @@ def explain(argv: list[str]) -> int:
     beside = arguments.source if arguments.source.is_dir() else arguments.source.parent
     out = arguments.out or beside / "explained"
     if arguments.all:
-        from eval.analysis.moments import find_moments, moments_table
+        from eval.analysis.measurements.moments import FILE, find_moments
+        from eval.analysis.report.moments import moments_table
         from eval.analysis.report.tables import markdown
 
         if arguments.seed is not None:
@@ -175,10 +176,11 @@ def explain(argv: list[str]) -> int:
         rows = find_rows(arguments.source, arguments.filters())
         for method in {row["method"] for row in rows}:
             _check_trust(method, arguments)
-        moments = find_moments(rows, out)
+        command = shlex.join(["vuca", "explain", *argv])
+        moments, crashes = find_moments(rows, out / FILE, command)
         show("\n".join(markdown(moments_table(moments))))
         _print_json({"moments": moments}, arguments.json)
-        return 0
+        return 1 if crashes else 0
     row = find_row(arguments.source, arguments.seed, arguments.filters())
     _check_trust(row["method"], arguments)
     explained = explain_row(row, out)

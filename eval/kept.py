@@ -43,7 +43,7 @@ def read_stored(source: Path) -> StoredConfig:
     Raises:
         BadArgument: It is neither.
     """
-    return read_config(source) if _is_directory(source) else parse_config(_unpacked(source)[0], str(source))
+    return read_config(source) if _is_directory(source) else parse_config(unpacked(source)[0], str(source))
 
 
 def read_lines(source: Path) -> tuple[str, list[str]]:
@@ -56,7 +56,7 @@ def read_lines(source: Path) -> tuple[str, list[str]]:
         BadArgument: It is neither.
     """
     if not _is_directory(source):
-        return str(source), _unpacked(source)[1:]
+        return str(source), unpacked(source)[1:]
     path = source / "episodes.jsonl"
     return str(path), read_text(path, BadArgument, MOST_BYTES).splitlines()
 
@@ -173,7 +173,12 @@ def _is_directory(source: Path) -> bool:
     return not source.name.endswith(SUFFIX) or source.is_dir()
 
 
-def _unpacked(source: Path) -> list[str]:
+def unpacked(source: Path) -> list[str]:
+    """The lines of a compressed file.
+
+    Raises:
+        BadArgument: It is none, or not whole.
+    """
     try:
         decompressor = lzma.LZMADecompressor(memlimit=2**28)
         content = decompressor.decompress(read_bytes(source, _MOST_COMPRESSED, BadArgument), max_length=MOST_BYTES)

@@ -8,6 +8,7 @@ import json
 import os
 import sys
 from collections.abc import Iterable
+from io import RawIOBase
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -111,18 +112,7 @@ class ResultStore:
         Raises:
             BadArgument: The disk is full, or cannot be written for another reason.
         """
-        line = f"{json.dumps(row, allow_nan=False)}\n".encode()
-        end = self._file.seek(0, os.SEEK_END)
-        written = 0
-        try:
-            while written < len(line):  # a disk that becomes full takes a part, without an error
-                written += self._file.write(line[written:])
-        except OSError as error:
-            self._file.truncate(end)
-            raise BadArgument(
-                f"cannot write {self._rows_file}: {error.strerror}; the {len(self.rows)} rows before are whole: "
-                "make room and give the same command again"
-            ) from error
+        append_row(self._file, self._rows_file, row, len(self.rows))
         self.rows.append(row)
 
     def note_run(self, run: Row) -> None:
@@ -186,6 +176,32 @@ class ResultStore:
             if not isinstance(row, dict):
                 raise BadArgument(f"{self._rows_file}:{number} is not a row, which is an object")
             yield row
+
+
+def append_row(file: RawIOBase, path: Path, row: Row, before: int) -> None:
+    """Add a row to a file of lines, whole or not at all: what a full disk takes of it is cut away again.
+
+    Args:
+        file: The file, opened for appending without a buffer.
+        path: Its name, for the message.
+        row: The row.
+        before: Number of rows that the file holds, for the message.
+
+    Raises:
+        BadArgument: The disk is full, or cannot be written for another reason.
+    """
+    line = f"{json.dumps(row, allow_nan=False)}\n".encode()
+    end = file.seek(0, os.SEEK_END)
+    written = 0
+    try:
+        while written < len(line):  # a disk that becomes full takes a part, without an error
+            written += file.write(line[written:]) or 0
+    except OSError as error:
+        file.truncate(end)
+        raise BadArgument(
+            f"cannot write {path}: {error.strerror}; the {before} rows before are whole: make room and give the same "
+            "command again"
+        ) from error
 
 
 def _first_difference(a: Any, b: Any, key: str = "") -> tuple[str, Any, Any] | None:

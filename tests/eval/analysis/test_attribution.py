@@ -133,11 +133,12 @@ def test_all_collisions_of_an_evaluation(failed, tmp_path, capsys):
     (moment,) = json.loads(told[-1])["moments"]
     assert (moment["seed"], moment["t_inevitable"], moment["is_repeated"]) == (row["seed"], None, True)
     assert moment["contact"] == row["contact"]
-    assert told[-2].endswith("| 1 | 0 | 0 | 0 | 0 | 0 | 1 |")
+    assert told[-2].endswith("| 1 | 0 | 0 | 0 | 0 | 0 | 0 | 0 | 1 | 0 | 0 |")
     file = folder / "explained" / "moments.jsonl"
+    assert json.loads(file.read_text().splitlines()[0])["measurement"] == "moments"
     file.write_text(file.read_text().replace('"t_inevitable": null', '"t_inevitable": 1.5'))
     assert explain_command([str(folder), "--all"]) == 0  # what is known is not searched again
-    assert capsys.readouterr().out.splitlines()[-1].endswith("| 1 | 0 | 0 | 1 | 0 | 0 | 0 |")
+    assert capsys.readouterr().out.splitlines()[-1].endswith("| 1 | 0 | 0 | 1 | 0 | 0 | 0 | 0 | 0 | 0 | 0 |")
     with pytest.raises(BadArgument, match="leave SEED out"):
         explain_command([str(folder), "7", "--all"])
 
