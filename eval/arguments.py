@@ -171,7 +171,9 @@ class ReportArguments:
     """Write a report of evaluations: one HTML page, Markdown, tables as CSV, figures, the paper's claims answered."""
 
     folders: tyro.conf.Positional[tuple[Path, ...]]
-    """Directories of vuca eval, complete or not, or files of kept rows; their names name the pages."""
+    """Directories of vuca eval, complete or not, or files of kept rows; their names name the pages. Beside them, files
+    of measurements: moments.jsonl of vuca explain --all, gate.jsonl of python -m train.analysis.gate, and those of
+    python -m eval.analysis.measurements.courses and of openness."""
     out: Path
     """Directory of the report, as docs/results: report.html, index.md with a page for each evaluation, tables/ and
     figures/; files of the same names are written over."""

@@ -144,6 +144,7 @@ def compare(argv: list[str]) -> int:
 def report(argv: list[str]) -> int:
     """Write a report of evaluations: one HTML page, Markdown, tables as CSV, figures, the paper's claims answered."""
     arguments = parse(ReportArguments, "report", argv)
+    from eval.analysis.measurements.files import is_measurement, keep_measurements
     from eval.analysis.report.pages import write_reports
     from eval.kept import keep_rows
 
@@ -152,7 +153,9 @@ def report(argv: list[str]) -> int:
     written = write_reports(arguments.folders, arguments.out)
     show(f"{len(written)} files: {written[0]}, {written[1]}")
     if arguments.rows:
-        kept = keep_rows(arguments.folders, arguments.out / "rows")
+        measured = [source for source in arguments.folders if is_measurement(source)]
+        kept = keep_rows([source for source in arguments.folders if source not in measured], arguments.out / "rows")
+        kept += keep_measurements(measured, arguments.out / "rows")
         show(f"{len(kept)} files of rows: {arguments.out / 'rows'}")
         written += kept
     _print_json({"files": [str(path) for path in written]}, arguments.json)

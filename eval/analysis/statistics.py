@@ -62,31 +62,53 @@ def paired_difference(
     Returns:
         Difference of the shares, lower and upper end of the interval; each cluster weighs the same.
     """
-    differences = second.astype(np.float64) - first
+    return mean_difference(second.astype(np.float64) - first, clusters)
+
+
+def mean_difference(
+    differences: NDArray[np.floating], clusters: NDArray | None = None, most: float = 1.0
+) -> tuple[float, float, float]:
+    """Mean of differences of shares with its 95% interval, as ``paired_difference`` has it.
+
+    Args:
+        differences: (n,) differences, each at most ``most`` either way.
+        clusters: (n,) label that dependent ones share, such as the seed; by default each has its own.
+        most: Greatest difference there can be: 1 of two shares, 2 of two differences of shares.
+
+    Returns:
+        Mean, lower and upper end of the interval; each cluster weighs the same.
+    """
+    differences = np.asarray(differences, np.float64) / most
     if clusters is not None:
         _, cluster = np.unique(clusters, return_inverse=True)
         differences = np.bincount(cluster, differences) / np.bincount(cluster)
     n, total = len(differences) + 2.0, float(differences.sum())
     middle = total / n
     half = Z_95 * math.sqrt(max(float((differences**2).sum()) + 1.0 - total**2 / n, 0.0)) / n
-    return float(differences.mean()), max(-1.0, middle - half), min(1.0, middle + half)
+    return most * float(differences.mean()), most * max(-1.0, middle - half), most * min(1.0, middle + half)
 
 
-def mcnemar_exact(first: NDArray[np.bool_], second: NDArray[np.bool_]) -> float:
+def mcnemar_exact(first: NDArray[np.bool_], second: NDArray[np.bool_], clusters: NDArray | None = None) -> float:
     """Two-sided p-value of McNemar's exact test that two methods succeed equally often in the same episodes.
 
     Of the episodes in which only one of them succeeds, each is as likely the one's as the other's under the hypothesis:
     twice the smaller tail of a binomial distribution with one half (McNemar 1947; Fay 2010, "Two-sided exact tests and
-    matching confidence intervals for discrete data"). The episodes must be independent of each other.
+    matching confidence intervals for discrete data"). The episodes must be independent of each other. Those that share
+    a seed are not: each cluster of them counts once, for the method that succeeds more often in it (a sign test).
 
     Args:
         first: (n,) successes of the first method.
         second: (n,) successes of the second method.
+        clusters: (n,) label that dependent episodes share, such as the seed; by default each has its own.
 
     Returns:
         The p-value; 1 if they differ in no episode.
     """
-    gained, lost = int((second & ~first).sum()), int((first & ~second).sum())
+    differences = second.astype(np.int64) - first
+    if clusters is not None:
+        _, cluster = np.unique(clusters, return_inverse=True)
+        differences = np.round(np.bincount(cluster, differences)).astype(np.int64)
+    gained, lost = int((differences > 0).sum()), int((differences < 0).sum())
     n = gained + lost
     tail = sum(math.comb(n, k) for k in range(min(gained, lost) + 1))
     return min(1.0, 2 * tail / 2**n)
@@ -176,6 +198,21 @@ def interquartile_mean(strata: Sequence[NDArray[np.floating]], draws: int = 2000
     drawn = np.concatenate([values[rng.integers(0, len(values), (draws, len(values)))] for values in filled], axis=1)
     low, high = np.quantile(trim_mean(drawn, 0.25, axis=1), (0.025, 0.975))
     return Estimate(float(trim_mean(np.concatenate(filled), 0.25)), float(low), float(high))
+
+
+def mean_over(values: Sequence[float]) -> Estimate | None:
+    """Mean of independent values, as of one for each seed, with Student's 95% interval.
+
+    Args:
+        values: Two or more; of fewer there is no interval, and no estimate.
+    """
+    if len(values) < 2:
+        return None
+    from scipy.stats import t  # late: it takes a second to import
+
+    middle = float(np.mean(values))
+    half = float(t.ppf(0.975, len(values) - 1)) * float(np.std(values, ddof=1)) / math.sqrt(len(values))
+    return Estimate(middle, middle - half, middle + half)
 
 
 def resampled_totals(

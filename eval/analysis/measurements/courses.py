@@ -41,7 +41,7 @@ class _Course(Telemetry):
     """Keeps the true place and the gate's shares, every ``PERIOD``."""
 
     def __init__(self) -> None:
-        self.path: list[list[float]] = []
+        self.places: list[list[float]] = []
         self.shares: list[list[float]] = []
         self.last: list[float] = []
         self._now: list[float] = []
@@ -53,7 +53,7 @@ class _Course(Telemetry):
     def true_pose(self, world_from_base: Pose2) -> None:
         self.last = [round(world_from_base.x, 2), round(world_from_base.y, 2)]
         if self._ticks % _TICKS == 0:
-            self.path.append(self.last)
+            self.places.append(self.last)
             self.shares.append(self._now)
         self._now = []
         self._ticks += 1
@@ -73,7 +73,7 @@ def course_of(config: EpisodeConfig) -> Row:
         **config.row(),
         **{name: now[name] for name in _REPEATED},
         "period": PERIOD,
-        "path": [*course.path, course.last],
+        "path": [*course.places, course.last],
         "gate": course.shares if any(course.shares) else None,
         "scene": scene_row(episode.world),
     }

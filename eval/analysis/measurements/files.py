@@ -6,6 +6,7 @@ a row. A file may be kept compressed, like rows of episodes.
 """
 
 import json
+import lzma
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
@@ -17,7 +18,7 @@ from tqdm import tqdm
 from eval.checked import COUNT, NUMBER, NUMBERS, OBJECT, ROW_KINDS, RUN_KINDS, TEXT, Kind, check_values
 from eval.episode import EpisodeConfig
 from eval.evaluate import pause_of_progress
-from eval.kept import MOST_BYTES, SUFFIX, unpacked
+from eval.kept import MOST_BYTES, SUFFIX, told_command, unpacked
 from eval.methods import identity_of, resolve
 from eval.provenance import bits_of, driver_of, made_with, provenance
 from eval.runner import Crash, RunEpisode, key_of, run_episodes
@@ -46,6 +47,11 @@ class Measurement(NamedTuple):
     def name(self) -> str:
         """Name of the file, without its suffix."""
         return self.source.name.removesuffix(SUFFIX).removesuffix(PLAIN_SUFFIX)
+
+    @property
+    def file(self) -> str:
+        """Name of the file as a command makes it."""
+        return f"{self.name}{PLAIN_SUFFIX}"
 
 
 class Fields(NamedTuple):
@@ -142,6 +148,27 @@ def read_measurement(source: Path) -> Measurement:
     return Measurement(head["measurement"], source, made_by, runs, rows)
 
 
+def keep_measurements(sources: Sequence[Path], out: Path) -> list[Path]:
+    """Write files of measurements compressed, over those of the same names; the same rows give the same bytes.
+
+    Args:
+        sources: Files of measurements; others are left out.
+        out: Directory that exists.
+
+    Returns:
+        The files that were written.
+    """
+    written = []
+    for source in filter(is_measurement, sources):
+        measurement = read_measurement(source)
+        runs = [{**run, "command": told_command(measurement.file, run)} for run in measurement.runs]
+        lines = "".join(f"{json.dumps(row, allow_nan=False)}\n" for row in measurement.rows)
+        written.append(out / f"{measurement.name}{SUFFIX}")
+        text = head_line(measurement.kind, measurement.made_by, runs) + lines
+        write_whole(written[-1], lzma.compress(text.encode(), preset=9 | lzma.PRESET_EXTREME))
+    return written
+
+
 def _lines(source: Path) -> list[str]:
     if source.name.endswith(SUFFIX):
         return unpacked(source)
@@ -169,6 +196,7 @@ def measure(
     workers: int | None = None,
     command: str = "",
     finish: Callable[[Row], Row] = dict,
+    settings: Row | None = None,
 ) -> tuple[list[Row], list[Crash]]:
     """Measure the episodes that a file does not hold yet; begun again, it goes on where it was.
 
@@ -180,6 +208,7 @@ def measure(
         workers: Number of processes; None for one a core.
         command: The command as typed, noted with the machine if there is something to measure.
         finish: Completes a row of ``job``.
+        settings: What else decides on the rows; another one cannot go on with the file.
 
     Returns:
         The rows of these episodes, in their order, and the episodes that could not be run.
@@ -194,7 +223,7 @@ def measure(
         for name, config in drivers.items()
     }
     keys = {key_of(config.row()): hashes[driver_of(config)] for config in configs}
-    common = json.loads(json.dumps({name: value for name, value in made_by.items() if name != "settings"}))
+    common = json.loads(json.dumps({**made_by, "settings": settings or {}}))  # a row's bits have its method's settings
     prepare_file(path)
     lock = DirectoryLock(path, "command") if path.exists() else None
     try:

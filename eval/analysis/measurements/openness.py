@@ -266,8 +266,11 @@ def main(arguments: OpennessArguments) -> None:
     critic_of(Episode(replace(config, seed=seeds[0])).build(Telemetry())[1], config)  # before an hour is spent
     configs = [replace(config, seed=seed) for seed in seeds]
     command = shlex.join(["python", "-m", "eval.analysis.measurements.openness", *sys.argv[1:]])
+    settings = {"every": arguments.every, "half_side": HALF_SIDE, "spacing": SPACING}
     job = partial(openness_of, every=arguments.every, view_seed=seeds[0])
-    rows, crashes = measure(arguments.out, KIND, configs, job, workers=arguments.workers, command=command)
+    rows, crashes = measure(
+        arguments.out, KIND, configs, job, workers=arguments.workers, command=command, settings=settings
+    )
     found = [m["correlation"] for row in rows for m in row["moments"] if m["correlation"] is not None]
     mean = f", mean rank correlation {sum(found) / len(found):+.2f}" if found else ""
     print(f"{len(found)} moments of {len(rows)} missions{mean}: {arguments.out}")

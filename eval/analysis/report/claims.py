@@ -1,23 +1,34 @@
 """The paper's claims, each answered by the rows: yes, no or undecided.
 
-What decides. A claim is one or more comparisons, each with a 95% interval: of a share (Wilson), of a difference of two
-methods in the same episodes (Agresti and Min, a seed in several worlds counting once), or of the arriving times where
-both arrive (interquartile mean, bootstrap). A comparison holds if its whole interval lies on the claimed side of its
-bound, and fails if the whole interval lies on the other side; it is not decided while a place or a method lacks its
-rows, nor by the times of fewer than 20 pairs, of which a bootstrap's interval is too short. A claim is answered *yes*
-if all its comparisons hold, *no* if one of them fails, *undecided* otherwise. Since all must hold for a yes, that is no
-more often wrong than one comparison is.
+What decides. A claim is one or more comparisons (``eval.analysis.report.comparisons``), each with a 95% interval: of a
+share (Wilson), of a difference of two methods in the same episodes (Agresti and Min, a seed in several worlds counting
+once), of the arriving times where both arrive (interquartile mean, bootstrap), or of a measurement. A
+comparison holds if its whole interval lies on the claimed side of its bound, and fails if the whole interval lies on
+the other side; it is not decided while a place or a method lacks its rows, nor by the times of fewer than 20 pairs, of
+which a bootstrap's interval is too short. A claim is answered *yes* if all its comparisons hold, *no* if one of them
+fails, *undecided* otherwise. Since all must hold for a yes, that is no more often wrong than one comparison is.
 """
 
 import shlex
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
-from eval.analysis.report.cells import Cell, unique
-from eval.analysis.report.results import ended, find, later
-from eval.analysis.report.tables import Column, Share, Table, Value
-from eval.analysis.statistics import Estimate, paired_difference
-from eval.suites import find_suite
+from eval.analysis.report.cells import unique
+from eval.analysis.report.comparisons import (
+    MOSTLY,
+    QUIET,
+    Asked,
+    Comparison,
+    Differs,
+    Evidence,
+    Finding,
+    Leads,
+    Openness,
+    Rise,
+    places_of,
+)
+from eval.analysis.report.tables import Column, Table, Value
+from eval.suites import FRESH, SUITES
 from vuca_nav.data_files import shown
 
 RULE = (
@@ -28,29 +39,20 @@ RULE = (
     "fewer than 20% arrive, more than 50% collide. All other comparisons are of two methods in the same episodes of "
     "all worlds of the suite together, against a difference of zero: shares with Agresti and Min's intervals, a seed "
     "counting once, and interquartile means of the differences of the arriving times where both arrive, with "
-    "bootstrapped intervals."
+    "bootstrapped intervals. The quiet branch: the share of episodes that take it, with 8 and 12 movers on the short "
+    f"branch less with 0 and 4. An expert leads a behaviour if it leads more than {100 * MOSTLY:g}% of the decisions "
+    "in that situation; it is chosen in one half of the episodes and measured in the other. The heatmap: rank "
+    "correlations of V^h and the clearance of the places in sight, with Student's intervals over 10 seeds or more."
 )
-LEAST_PAIRS = 20
-"""Least number of pairs whose times decide."""
 WELL, FAILS, USUALLY = 0.8, 0.2, 0.5
 """Shares that stand for the paper's words "perform well", "cannot reach the goal" and "usually collides"."""
 
+BEHAVIOURS = ("open floor", "tight passage", "sudden mover", "dead end", "known mover")
+"""Situations of ``train.analysis.situations`` that call for a behaviour: all but ``other``."""
+WHATEVER = "all"
+"""Robot of a claim on the gate, which is measured on many bodies at once."""
+
 Verdict = Literal["yes", "no", "undecided"]
-
-
-class Comparison(NamedTuple):
-    """A part of a claim."""
-
-    words: str
-    measure: str
-    """``success`` or ``collision``, or ``time`` for the arriving times where both arrive."""
-    methods: tuple[str, ...]
-    """One method, or one and the other that it is compared with."""
-    more: bool
-    """Whether the claim is that it is more than the bound."""
-    bound: float = 0.0
-    regions: tuple[str, ...] = ()
-    """Places; by default all of the suite."""
 
 
 class Claim(NamedTuple):
@@ -60,28 +62,8 @@ class Claim(NamedTuple):
     system: str
     """Whose claim it is: ``paper``, ``ours``, or ``both systems``."""
     suite: str
-    comparisons: tuple[Comparison, ...]
-
-
-class Finding(NamedTuple):
-    """A comparison with what the rows say."""
-
-    comparison: Comparison
-    estimate: Estimate | None
-    n: int
-    """Number of episodes, or of pairs."""
-    missing: tuple[tuple[str, str], ...]
-    """Methods and places without rows."""
-
-    @property
-    def holds(self) -> bool | None:
-        """Whether the comparison holds; None if that is not decided."""
-        comparison = self.comparison
-        if self.estimate is None or self.missing or (comparison.measure == "time" and self.n < LEAST_PAIRS):
-            return None
-        if self.estimate.low > comparison.bound:
-            return comparison.more
-        return not comparison.more if self.estimate.high < comparison.bound else None
+    """The suite whose rows decide, or the kind of measurement."""
+    comparisons: tuple[Asked, ...]
 
 
 def verdict(findings: Sequence[Finding]) -> Verdict:
@@ -174,83 +156,87 @@ def _claims() -> tuple[Claim, ...]:
                 (_versus("time", fused, "drl", True), _versus("collision", fused, "drl", False)),
             ),
         ]
+    crowded = places_of("paper-branch")[-1]
+    for own, policy in (("paper", "paper"), ("ours", "fusion-plus")):
+        claims += [
+            Claim(
+                "robots take the quiet branch",
+                own,
+                "paper-branch",
+                (
+                    Rise(f"{own} takes it more often with many movers than with few", own),
+                    Rise(f"that rises more than with {own}-dh", own, f"{own}-dh"),
+                    Comparison(f"{own} takes it in {crowded}", QUIET, (own,), True, USUALLY, (crowded,)),
+                ),
+            ),
+            Claim(
+                "each behaviour has a leading expert",
+                own,
+                "gate",
+                (
+                    *(Leads(f"in {situation}", policy, situation) for situation in BEHAVIOURS),
+                    Differs("not the same everywhere", policy, BEHAVIOURS),
+                ),
+            ),
+            Claim(
+                "open space is safer in the heatmap",
+                own,
+                "heatmap",
+                (
+                    Openness("V^h rises with the clearance", "correlation", own),
+                    Openness("it does at the same distance from the robot", "at_same_distance", own),
+                ),
+            ),
+        ]
     return tuple(claims)
 
 
 CLAIMS = _claims()
 
 
-def answer(claim: Claim, cells: Sequence[Cell], robot: str) -> list[Finding]:
-    """What the rows of a robot say of each comparison of a claim."""
-    return [_finding(claim, comparison, cells, robot) for comparison in claim.comparisons]
+def answer(claim: Claim, evidence: Evidence, robot: str) -> list[Finding]:
+    """What the rows of a robot, or the measurements with it, say of each comparison of a claim."""
+    return [comparison.find(evidence, claim.suite, robot) for comparison in claim.comparisons]
 
 
-def _finding(claim: Claim, comparison: Comparison, cells: Sequence[Cell], robot: str) -> Finding:
-    places = comparison.regions or _places(claim.suite)
-    found: list[tuple[Cell, ...]] = []
-    missing = []
-    for place in places:
-        members = [find(cells, place, robot, method) for method in comparison.methods]
-        missing += [(m, place) for m, cell in zip(comparison.methods, members) if cell is None]
-        there = tuple(cell for cell in members if cell is not None)
-        if len(there) == len(members):
-            found.append(there)
-    estimate, n = _measure(comparison, found)
-    return Finding(comparison, estimate, n, tuple(missing))
-
-
-def _measure(comparison: Comparison, found: Sequence[tuple[Cell, ...]]) -> tuple[Estimate | None, int]:
-    if len(comparison.methods) == 1:
-        rows = [row for (cell,) in found for row in cell.rows.values()]
-        share = Share(sum(row["outcome"] == comparison.measure for row in rows), len(rows))
-        return (share.estimate if rows else None), len(rows)
-    pairs = [(cells[1], cells[0]) for cells in found]
-    arrived, others, seeds = ended(pairs, "success" if comparison.measure == "time" else comparison.measure)
-    if comparison.measure == "time":
-        return later(pairs), int((arrived & others).sum())
-    return (Estimate(*paired_difference(arrived, others, seeds)) if len(seeds) else None), len(seeds)
-
-
-def claims_table(cells: Sequence[Cell], claims: Sequence[Claim] = CLAIMS) -> Table:
+def claims_table(evidence: Evidence, claims: Sequence[Claim] = CLAIMS) -> Table:
     """The claims with their answers: for each robot that has rows."""
-    robots = sorted({cell.robot for cell in cells})
-    found = [(claim, robot, answer(claim, cells, robot)) for claim in claims for robot in robots]
+    robots = sorted({cell.robot for cell in evidence.cells} | {row["robot"] for row in evidence.rows("heatmap")})
+    found = [
+        (claim, robot, answer(claim, evidence, robot))
+        for claim in claims
+        for robot in ([WHATEVER] if claim.suite == "gate" else robots)
+    ]
     lacking: dict[tuple[str, str], list[str]] = {}
     for claim, robot, findings in found:
         names = [name for finding in findings for name, _ in finding.missing]
         lacking[claim.suite, robot] = unique([*lacking.get((claim.suite, robot), []), *names])
     rows: list[list[Value]] = []
     for claim, robot, findings in found:
-        told = "; ".join(_words(finding) for finding in findings)
-        is_lacking = any(finding.missing for finding in findings)
-        command = _command(claim.suite, robot, lacking[claim.suite, robot]) if is_lacking else None
+        told = "; ".join(finding.text() for finding in findings)
+        names = [name for finding in findings for name, _ in finding.missing]
+        command = _command(claim.suite, robot, lacking[claim.suite, robot], names[0]) if names else None
         rows.append([claim.words, claim.system, robot, verdict(findings), told, command])
     titles = ("claim", "for", "robot", "answer", "because", "rows missing: made by")
     return Table("claims", "The paper's claims", RULE, tuple(map(Column, titles)), rows)
 
 
-def _words(finding: Finding) -> str:
-    estimate, comparison = finding.estimate, finding.comparison
-    if estimate is None:
-        return f"{comparison.words}: no rows"
-    alone = len(comparison.methods) == 1
-    unit = " s" if comparison.measure == "time" else "%" if alone else " points"
-    scale, sign, digits = (1.0, "+", 1) if unit == " s" else (100.0, "" if alone else "+", 0)
-    value, low, high = (f"{scale * part + 0.0:{sign}.{digits}f}" for part in estimate)
-    holds = {True: "holds", False: "fails", None: "not decided"}[finding.holds]
-    bound = f" (claimed: {'more' if comparison.more else 'less'} than {100 * comparison.bound:g}%)" if alone else ""
-    few = f", without {', '.join(f'{m} in {place}' for m, place in finding.missing)}" if finding.missing else ""
-    what = "episodes" if alone else "pairs"
-    return f"{comparison.words}: {value}{unit} [{low}, {high}]{bound} in {finding.n} {what}{few}: {holds}"
+def _command(suite: str, robot: str, methods: Sequence[str], method: str) -> str:
+    """The command that makes the rows, or the measurement, that the claims on a suite lack.
 
-
-def _command(suite: str, robot: str, methods: Sequence[str]) -> str:
-    """The command that makes the rows that the claims on a suite lack."""
-    words = ["vuca", "eval", suite, "--robot", shown(robot), "--method", ",".join(methods)]
-    return shlex.join([*words, "--out", f"runs/{suite}-{shown(robot)}"])
-
-
-def _places(suite: str) -> tuple[str, ...]:
-    return tuple(
-        task.world if task.region is None else f"{task.world} {task.region}" for task in find_suite(suite).tasks
-    )
+    Args:
+        suite: The suite, or the kind of measurement.
+        robot: The robot.
+        methods: The methods that all claims on the suite lack.
+        method: The first that this claim lacks.
+    """
+    name = shown(robot)
+    if suite in SUITES:
+        words = ["vuca", "eval", suite, "--robot", name, "--method", ",".join(methods), "--out", f"runs/{suite}-{name}"]
+    elif suite == "gate":
+        files = [f"vuca_nav/policy/weights/{policy}.safetensors" for policy in methods]
+        words = ["python", "-m", "train.analysis.gate", *files, "--out", "runs/gate"]
+    else:
+        words = ["python", "-m", "eval.analysis.measurements.openness", "--robot", name, "--method", method]
+        words += ["--seeds", f"{FRESH}:{FRESH + 20}", "--out", f"runs/{suite}-{name}-{method}.jsonl"]
+    return shlex.join(words)

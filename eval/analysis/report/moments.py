@@ -32,8 +32,9 @@ def moments_table(moments: Sequence[Row]) -> Table:
     note = (
         "Time before the contact at which other commands could last avoid it, with all that moves known "
         "(t_inevitable), in steps of half a second; earlier: up to 10 s; never: no way was found in 10 s. Own: the "
-        "robot's point of contact closed in on the other. Of the uncertain ones a later moment may exist, since the search gave up or "
-        "the body did not follow it. Not repeated: the run now differs from the row's, which other code made."
+        "robot's point of contact closed in on the other. Of the uncertain ones a later moment may exist, since the "
+        "search gave up or the body did not follow it. Not repeated: the run now differs from the row's, which other "
+        "code made."
     )
     return Table("moments", "Last avoidable moments", note, tuple(map(Column, titles)), lines)
 

@@ -9,7 +9,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from eval.analysis.report.failed import Failed, in_detail
-from eval.analysis.report.figures import Picture
+from eval.analysis.report.figures.drawing import Picture
 from eval.analysis.report.tables import Table
 from vuca_nav.data_files import read_bytes, shown
 from vuca_nav.errors import BadArgument

@@ -8,10 +8,17 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from eval.analysis.measurements.files import Measurement, is_measurement, read_measurement
+from eval.analysis.report.branch import branch_table
 from eval.analysis.report.cells import Evaluation, cells_of, read_evaluation, unique
 from eval.analysis.report.claims import claims_table
+from eval.analysis.report.comparisons import Evidence
+from eval.analysis.report.default import default_table
 from eval.analysis.report.failed import failed_episodes, failed_table
-from eval.analysis.report.figures import Picture, figures_of
+from eval.analysis.report.figures.drawing import Picture
+from eval.analysis.report.figures.measured import measured_figures
+from eval.analysis.report.figures.outcomes import outcome_figures
+from eval.analysis.report.moments import moments_table
 from eval.analysis.report.page import html_page
 from eval.analysis.report.results import tables_of
 from eval.analysis.report.tables import Column, Share, Table, as_csv, grid, markdown
@@ -20,6 +27,7 @@ from eval.episode import OUTCOMES
 from eval.kept import told_command
 from eval.methods import title_of
 from eval.store import Row
+from vuca_nav.data_files import shown
 from vuca_nav.errors import BadArgument
 from vuca_nav.files import prepare_directory, write_whole
 
@@ -28,11 +36,12 @@ LIBRARIES = ("mujoco", "numpy", "numba", "scipy")
 """The libraries whose versions a page names, as ``eval.provenance.provenance`` records them."""
 
 
-def write_reports(directories: Sequence[Path], out: Path) -> list[Path]:
+def write_reports(sources: Sequence[Path], out: Path) -> list[Path]:
     """Write a page for each evaluation, and the tables and figures of all of them together.
 
     Args:
-        directories: Directories of evaluations, or files of kept rows; their names name the pages.
+        sources: Directories of evaluations, or files of kept rows, whose names name the pages; and files of
+            measurements.
         out: Directory of the pages.
 
     Returns:
@@ -42,7 +51,12 @@ def write_reports(directories: Sequence[Path], out: Path) -> list[Path]:
         BadArgument: A directory is no evaluation, two have the same name or hold the same episodes of one hash with
             different rows, or ``out`` cannot be written.
     """
-    evaluations = sorted((read_evaluation(directory) for directory in directories), key=lambda each: each.name)
+    kept = [source for source in sources if not is_measurement(source)]
+    if not kept:
+        raise BadArgument("give one or more directories of vuca eval beside the files of measurements")
+    evaluations = sorted(map(read_evaluation, kept), key=lambda each: each.name)
+    measurements = [read_measurement(source) for source in sources if source not in kept]
+    measurements.sort(key=lambda each: (each.kind, each.name))
     names = [evaluation.name for evaluation in evaluations]
     for name in names:
         if [*names, INDEX].count(name) > 1:
@@ -50,10 +64,14 @@ def write_reports(directories: Sequence[Path], out: Path) -> list[Path]:
     cells = cells_of(evaluations)
     failed = failed_episodes(cells)
     listed = evaluations_table(evaluations)
-    tables, pictures = [claims_table(cells), *tables_of(cells)], figures_of(cells)
+    evidence = Evidence(cells, measurements)
+    tables = [claims_table(evidence), default_table(evaluations), *tables_of(cells), branch_table(cells)]
+    tables = [table for table in [*tables, moments_table(evidence.rows("moments"))] if table.rows]
+    pictures = [*outcome_figures(cells), *measured_figures(evidence)]
+    facts = [*map(_facts, evaluations), *map(_facts_of_measurement, measurements)]
     files: dict[str, str] = {
-        f"{INDEX}.md": _index(listed, tables, pictures),
-        PAGE: html_page([listed, *tables], pictures, failed, [_facts(evaluation) for evaluation in evaluations]),
+        f"{INDEX}.md": _index(listed, tables, pictures, facts[len(evaluations) :]),
+        PAGE: html_page([listed, *tables], pictures, failed, facts),
         **{f"{evaluation.name}.md": page_of(evaluation) for evaluation in evaluations},
         **{f"tables/{table.name}.csv": as_csv(table) for table in (*tables, failed_table(failed))},
         **{f"figures/{picture.name}.svg": picture.svg for picture in pictures},
@@ -88,8 +106,8 @@ def evaluations_table(evaluations: Sequence[Evaluation]) -> Table:
     return Table("evaluations", "Evaluations", note, tuple(map(Column, titles)), rows)
 
 
-def _index(listed: Table, tables: Sequence[Table], pictures: Sequence[Picture]) -> str:
-    """The index: the evaluations, then the tables and figures of all together."""
+def _index(listed: Table, tables: Sequence[Table], pictures: Sequence[Picture], measured: Sequence[Table]) -> str:
+    """The index: the evaluations, the tables and figures of all together, what was measured besides."""
     links = [[f"[{name}]({name}.md)", *cells] for name, *cells in listed.texts]
     lines = [
         "# Evaluations",
@@ -105,6 +123,8 @@ def _index(listed: Table, tables: Sequence[Table], pictures: Sequence[Picture]) 
         lines += ["", "## Figures"]
     for picture in pictures:
         lines += ["", f"![{picture.title}](figures/{picture.name}.svg)", "", f"{picture.title}. {picture.caption}"]
+    for table in measured:
+        lines += ["", f"## Measured: {shown(table.title)}", "", *grid(("", ""), table.rows)]
     return _text(lines)
 
 
@@ -129,6 +149,16 @@ def _facts(evaluation: Evaluation) -> Table:
     facts += [("libraries", ", ".join(f"{name} {libraries[name]}" for name in LIBRARIES if name in libraries))]
     facts += [("date", " to ".join(unique([began[0][:10], began[-1][:10]])))] if began else []
     return Table("facts", evaluation.name, "", (Column("what"), Column("value")), [list(fact) for fact in facts])
+
+
+def _facts_of_measurement(measurement: Measurement) -> Table:
+    """What was measured, on what."""
+    name, runs = measurement.file, measurement.runs
+    facts: list[tuple[str, Any]] = [("measurement", measurement.kind), ("rows", len(measurement.rows))]
+    facts += [("command", f"`{told}`") for told in unique(told_command(name, run) for run in runs) if told]
+    facts += [("commit", commit) for commit in unique(str(run.get("commit") or "unknown") for run in runs)]
+    facts += [("machine", machine) for machine in unique(map(_machine, runs))]
+    return Table("facts", measurement.name, "", (Column("what"), Column("value")), [list(fact) for fact in facts])
 
 
 def _machine(run: Row) -> str:

@@ -63,6 +63,43 @@ def summarise(decisions: Decisions, kinds: NDArray[np.int64], names: Sequence[st
     }
 
 
+def episode_rows(decisions: Decisions, kinds: NDArray[np.int64], names: Sequence[str], policy: str) -> list[dict]:
+    """Counts of each episode by situation, as a file of measurements has them.
+
+    Args:
+        decisions: Decisions of all episodes.
+        kinds: Kind of each episode's world, index into ``names``, (episodes,).
+        names: Names of the kinds of worlds.
+        policy: Name of the policy.
+
+    Returns:
+        A row for each episode: ``policy``, ``kind``, ``seed`` (number of the episode in its kind), and for each
+        situation that came up the number of ``decisions``, of those that each expert ``leads``, and sums of ``shares``.
+    """
+    experts, places = decisions.shares.shape[1], len(SITUATIONS)
+    cell, length = decisions.episode * places + decisions.situation, len(kinds) * places
+    columns = np.concatenate([np.eye(experts)[decisions.shares.argmax(1)], decisions.shares], 1).T
+    count = np.bincount(cell, minlength=length).reshape(-1, places)
+    sums = np.stack([np.bincount(cell, column, length) for column in columns], 1).reshape(-1, places, 2, experts)
+    first = np.searchsorted(kinds, kinds)  # each kind's episodes follow one another
+    return [
+        {
+            "policy": policy,
+            "kind": names[kind],
+            "seed": int(episode - first[episode]),
+            "situations": {
+                SITUATIONS[k]: {
+                    "decisions": int(count[episode, k]),
+                    "leads": [int(lead) for lead in sums[episode, k, 0]],
+                    "shares": [round(float(share), 2) for share in sums[episode, k, 1]],
+                }
+                for k in np.flatnonzero(count[episode]).tolist()
+            },
+        }
+        for episode, kind in enumerate(kinds.tolist())
+    ]
+
+
 class _Table:
     """Sums over decisions by episode, situation (the last one: all of them) and column, and draws of their totals."""
 

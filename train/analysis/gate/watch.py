@@ -3,7 +3,9 @@
 ``python -m train.analysis.gate FILE... --out DIR`` prints tables and writes ``summary.json`` and two pictures.
 """
 
+import hashlib
 import json
+import shlex
 import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -15,12 +17,13 @@ import tyro
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from eval.analysis.measurements.files import head_line, run_of
 from eval.analysis.statistics import paired_difference
 from train.analysis.episodes import Evaluation
 from train.analysis.evaluate import EvaluateArguments, episodes_of
 from train.analysis.gate.play import Decisions, Scene, Watched, play_without, watch
 from train.analysis.gate.plots import draw_moments, draw_shares
-from train.analysis.gate.summary import summarise
+from train.analysis.gate.summary import episode_rows, summarise
 from train.analysis.gate.tables import tables
 from train.analysis.situations import DEFINITIONS, PRECEDENCE, SITUATIONS
 from train.arena.config import KINDS
@@ -30,6 +33,8 @@ from vuca_nav.errors import BadArgument
 from vuca_nav.files import prepare_directory, write_whole
 from vuca_nav.policy.weights_file import PolicyWeights, load_weights
 
+KIND = "gate"
+"""Name of the measurement that ``gate.jsonl`` is."""
 LEAST_SHARE = 0.01
 """Least average share in a situation of an expert that is knocked out there: with less, hardly anything would
 change."""
@@ -43,7 +48,8 @@ class GateArguments:
     tight passage, before a sudden or a known mover, in a dead end, or in none of these; the output says how each is
     defined. For each situation it has the experts' shares, the leader, what is commanded then, and what each expert
     alone would command, with 95% intervals for which whole episodes are drawn again: as tables on stdout and in
-    summary.json, and as pictures, NAME_shares.png and NAME_moments.png.
+    summary.json, and as pictures, NAME_shares.png and NAME_moments.png. gate.jsonl has the counts of each episode, for
+    vuca report.
     """
 
     files: tyro.conf.Positional[tuple[Path, ...]]
@@ -62,11 +68,12 @@ class GateArguments:
     """Decisions a second [Hz]; by default the rate that each policy was trained at."""
 
 
-def analyse(name: str, source: PolicyWeights, arguments: GateArguments) -> dict:
+def analyse(name: str, source: PolicyWeights, arguments: GateArguments) -> tuple[dict, list[dict]]:
     """Watch one policy, and draw its pictures.
 
     Returns:
-        The tables of ``summarise``, ``success`` in each kind of world, and ``knock_outs`` if they are asked for.
+        The tables of ``summarise``, ``success`` in each kind of world, and ``knock_outs`` if they are asked for; and
+        the counts of each episode.
     """
     actor = actor_of(source)
     per_kind = EvaluateArguments(
@@ -88,7 +95,7 @@ def analyse(name: str, source: PolicyWeights, arguments: GateArguments) -> dict:
     )  # fmt: skip
     if arguments.knock_outs:
         result["knock_outs"] = knock_outs(actor, evaluations, watched, result, name)
-    return result
+    return result, episode_rows(decisions, kinds, arguments.kinds, name)
 
 
 def _join(watched: list[Watched], episodes: int) -> tuple[Decisions, dict[tuple[int, int], Scene]]:
@@ -179,7 +186,8 @@ def main(arguments: GateArguments) -> None:
             )
     prepare_directory(arguments.out)
     torch.set_num_threads(1)
-    policies = {name: analyse(name, source, arguments) for name, source in weights.items()}
+    analysed = {name: analyse(name, source, arguments) for name, source in weights.items()}
+    policies = {name: result for name, (result, _) in analysed.items()}
     summary = {
         "arguments": {key: str(value) if key == "out" else value for key, value in asdict(arguments).items()},
         "definitions": DEFINITIONS,
@@ -187,9 +195,15 @@ def main(arguments: GateArguments) -> None:
     }  # fmt: skip
     summary["arguments"]["files"] = [str(path) for path in arguments.files]
     write_whole(arguments.out / "summary.json", json.dumps(summary, indent=2) + "\n")
+    command = shlex.join(["python", "-m", "train.analysis.gate", *sys.argv[1:]])
+    digests = {name: hashlib.sha256(source.path.read_bytes()).hexdigest() for name, source in weights.items()}
+    made_by = {"weights_sha256": digests, "episodes": arguments.episodes, "seed": arguments.seed}
+    rows = [row for _, found in analysed.values() for row in found]
+    lines = "".join(f"{json.dumps(row)}\n" for row in rows)
+    write_whole(arguments.out / f"{KIND}.jsonl", head_line(KIND, made_by, [run_of(command)]) + lines)
     print(
         f"{arguments.episodes} episodes of seed {arguments.seed} in each kind of world: {', '.join(arguments.kinds)}."
     )
     for name, result in policies.items():
         print(f"\n## {name}\n\n{tables(result)}")
-    print(f"Written: {arguments.out}/summary.json, NAME_shares.png and NAME_moments.png of each policy")
+    print(f"Written: {arguments.out}/summary.json, {KIND}.jsonl, NAME_shares.png and NAME_moments.png of each policy")

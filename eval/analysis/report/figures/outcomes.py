@@ -1,71 +1,48 @@
 """The figures of a report: bars of five metrics, success over the dials and without V, U, C or A, contacts by class."""
 
-import io
 import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
 
 import matplotlib
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 
+from eval.analysis.report.branch import branch_cells
 from eval.analysis.report.cells import Cell, unique
+from eval.analysis.report.comparisons import QUIET
+from eval.analysis.report.figures.drawing import (
+    INK,
+    STYLE,
+    Picture,
+    bars,
+    colours_of,
+    label_of,
+    legend,
+    line,
+    picture_of,
+)
 from eval.analysis.statistics import Estimate, interquartile_mean
 from eval.contact import CONTACT_CLASSES
 from eval.store import Row
-from vuca_nav.data_files import shown
 
-INK = "#14181f"
-"""Colour of text and axes; ``inline`` replaces it by that of the page."""
-COLOURS = (
-    "#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#8c7a00", "#7b6fd0", "#7f7f7f", "#a05a2c",
-    "#2f8f8f", "#c23b5a",
-)  # fmt: skip
-"""Colours of the methods: those of Okabe and Ito that are read on light and on dark, and others."""
 CLASS_COLOURS = ("#7f7f7f", "#56b4e9", "#009e73", "#d55e00", "#e69f00", "#cc79a7")
 """Colours of the classes of contacts."""
-STYLE: dict[Any, Any] = {
-    "svg.fonttype": "none",
-    "font.family": "sans-serif",
-    "font.size": 9.0,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "legend.frameon": False,
-    **dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), INK),
-}
 DIALS = (("movers", "number of movers"), ("speed", "factor on their speeds"), ("sighted", "share that see the robot"))
 WITHOUT = ("", "V", "U", "C", "A")
 
 
-class Picture(NamedTuple):
-    """A figure as SVG, and what it shows."""
-
-    name: str
-    title: str
-    caption: str
-    svg: str
-
-    @property
-    def inline(self) -> str:
-        """The SVG as part of an HTML page: in the page's own ink, its names apart from those of other figures."""
-        svg = self.svg[self.svg.index("<svg") :].replace(INK, "currentColor")
-        svg = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{self.name}-", svg)
-        return re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.S)
-
-
-def figures_of(cells: Sequence[Cell]) -> list[Picture]:
+def outcome_figures(cells: Sequence[Cell]) -> list[Picture]:
     """All figures for which there are rows."""
     pictures: list[Picture] = []
     for robot in unique(cell.robot for cell in cells):
         here = [cell for cell in cells if cell.robot == robot]
-        colours = {method: COLOURS[k % len(COLOURS)] for k, method in enumerate(unique(cell.method for cell in here))}
+        colours = colours_of(cell.method for cell in here)
         with matplotlib.rc_context(STYLE):  # pyright: ignore[reportArgumentType]
             pictures += _metrics(robot, [cell for cell in here if cell.is_plain] or here, colours)
             pictures += _contacts(robot, [cell for cell in here if cell.is_plain] or here)
             pictures += _dials(robot, here, colours)
             pictures += _without(robot, here, colours)
+            pictures += _branch(robot, here, colours)
     return pictures
 
 
@@ -77,16 +54,16 @@ def _metrics(robot: str, cells: Sequence[Cell], colours: dict[str, str]) -> list
     figure = Figure(figsize=(8.0, 9.0), layout="constrained")
     for axes, (measure, label) in zip(figure.subplots(len(panels), 1, sharex=True), panels):
         found = {(cell.place, cell.method): _estimate(cell, measure) for cell in cells}
-        _bars(axes, places, methods, found, colours)
+        bars(axes, places, methods, found, colours)
         axes.set_ylabel(label)
         if label.endswith("[%]"):
             axes.set_ylim(0.0, 100.0)
-    _legend(figure, methods, colours)
+    legend(figure, methods, colours)
     caption = (
         "Shares with Wilson's 95% intervals; arriving time, ARSPS (risk, less is better) and ANSPS (progress, more is "
         "better) as interquartile means with bootstrapped 95% intervals."
     )
-    return [_picture(f"metrics-{robot}", f"Five metrics, {robot}", caption, figure)]
+    return [picture_of(f"metrics-{robot}", f"Five metrics, {robot}", caption, figure)]
 
 
 def _contacts(robot: str, cells: Sequence[Cell]) -> list[Picture]:
@@ -106,13 +83,13 @@ def _contacts(robot: str, cells: Sequence[Cell]) -> list[Picture]:
         100.0 * cell.share(lambda row: bool((row.get("contact") or {}).get("own"))).estimate.value for cell in members
     ]
     axes.plot(own, places, "|", color=INK, markersize=11, markeredgewidth=2, label="own")
-    axes.set_yticks(places, [_label(f"{cell.method}, {cell.place}") for cell in members])
+    axes.set_yticks(places, [label_of(f"{cell.method}, {cell.place}") for cell in members])
     axes.set_ylim(len(members) - 0.5, -0.5)
     axes.set_xlim(0.0, 100.0)
     axes.set_xlabel("share of the episodes [%]")
     figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=7)
     caption = "Collisions by class. The mark is the share in which the robot's point of contact closed in on the other."
-    return [_picture(f"contacts-{robot}", f"Contacts by class, {robot}", caption, figure)]
+    return [picture_of(f"contacts-{robot}", f"Contacts by class, {robot}", caption, figure)]
 
 
 def _dials(robot: str, cells: Sequence[Cell], colours: dict[str, str]) -> list[Picture]:
@@ -130,17 +107,17 @@ def _dials(robot: str, cells: Sequence[Cell], colours: dict[str, str]) -> list[P
             for method in unique(cell.method for cell in found):
                 points = [(cell.task[dial], _estimate(cell, "success")) for cell in found if cell.method == method]
                 points = [(x, estimate) for x, estimate in points if estimate is not None]
-                _line(axes, points, colours[method])
+                line(axes, points, colours[method])
             axes.set_xlabel(label)
             axes.set_xticks(sorted({cell.task[dial] for cell in found}))
             axes.set_ylim(0.0, 100.0)
         axes_of[0].set_ylabel("success [%]")
-        _legend(figure, unique(cell.method for _, _, found in panels for cell in found), colours)
+        legend(figure, unique(cell.method for _, _, found in panels for cell in found), colours)
         caption = (
             "Success with Wilson's 95% intervals over each dial of the moving obstacles, all else as the world is."
         )
         name = re.sub(r"[^\w-]+", "-", f"dials-{robot}-{place}")
-        pictures.append(_picture(name, f"Success over the dials, {robot}, {place}", caption, figure))
+        pictures.append(picture_of(name, f"Success over the dials, {robot}, {place}", caption, figure))
     return pictures
 
 
@@ -177,76 +154,57 @@ def _without(robot: str, cells: Sequence[Cell], colours: dict[str, str]) -> list
         methods = unique(cell.method for cell in here)
         figure = Figure(figsize=(8.0, 3.4), layout="constrained")
         axes = figure.subplots()
-        _bars(axes, list(names.values()), methods, found, colours)
+        bars(axes, list(names.values()), methods, found, colours)
         axes.set_ylabel("success [%]")
         axes.set_ylim(0.0, 100.0)
-        _legend(figure, methods, colours)
+        legend(figure, methods, colours)
         place = world if region is None else f"{world} {region}"
         caption = (
             "Success with Wilson's 95% intervals: with all difficulties, and without moving obstacles (V), the unknown "
             "map (U), corridors (C) or the noise of the sensors (A)."
         )
         name = re.sub(r"[^\w-]+", "-", f"difficulties-{robot}-{place}")
-        pictures.append(_picture(name, f"Success by difficulty, {robot}, {place}", caption, figure))
+        pictures.append(picture_of(name, f"Success by difficulty, {robot}, {place}", caption, figure))
     return pictures
 
 
-def _bars(
-    axes: Axes,
-    groups: Sequence[str],
-    methods: Sequence[str],
-    found: dict[tuple[str, str], Estimate | None],
-    colours: dict[str, str],
-) -> None:
-    """Bars in groups, a method each, with their intervals."""
-    there = {group: [method for method in methods if found.get((group, method)) is not None] for group in groups}
-    width = 0.84 / max([1, *map(len, there.values())])
-    style = {"ecolor": INK, "elinewidth": 0.9, "capsize": 1.5}
-    for i, group in enumerate(groups):
-        for k, method in enumerate(there[group]):
-            estimate = found[group, method]
-            if estimate is not None:
-                x = i + (k - 0.5 * (len(there[group]) - 1)) * width
-                axes.bar(x, estimate.value, width, color=colours[method], yerr=_errors([estimate]), error_kw=style)
-    axes.set_xticks(range(len(groups)), [_label(group) for group in groups])
+def _branch(robot: str, cells: Sequence[Cell], colours: dict[str, str]) -> list[Picture]:
+    """The share that takes the quiet branch, over the number of movers on the short one."""
+    found = branch_cells(cells)
+    movers = sorted({cell.task["movers"] for cell in found})
+    if len(movers) < 2:
+        return []
+    figure = Figure(figsize=(8.0, 3.4), layout="constrained")
+    axes = figure.subplots()
+    methods = unique(cell.method for cell in cells if cell in found)
+    for k, method in enumerate(methods):
+        aside = 0.12 * (k - 0.5 * (len(methods) - 1))  # so that intervals do not hide each other
+        points = [
+            (cell.task["movers"] + aside, _percent(cell.share(lambda row: row.get("way") == QUIET).estimate))
+            for cell in found
+            if cell.method == method
+        ]
+        line(axes, points, colours[method])
+    axes.set(xlabel="number of movers on the short branch", ylabel="take the quiet branch [%]", ylim=(0.0, 100.0))
+    axes.set_xticks(movers)
+    legend(figure, methods, colours)
+    caption = (
+        "Share of the episodes in which the longer, quiet branch is entered first, with Wilson's 95% intervals: with "
+        "V^h (paper, ours) and without (paper-dh, ours-dh)."
+    )
+    return [picture_of(f"branch-{robot}", f"Choice of branch, {robot}", caption, figure)]
 
 
-def _line(axes: Axes, points: Sequence[tuple[float, Estimate]], colour: str) -> None:
-    """A line through estimates, with their intervals."""
-    x, y = [place for place, _ in points], [estimate.value for _, estimate in points]
-    axes.errorbar(x, y, yerr=_errors(e for _, e in points), color=colour, marker="o", capsize=2, linewidth=1.5)
-
-
-def _errors(estimates: Iterable[Estimate]) -> list[list[float]]:
-    found = list(estimates)
-    return [[max(0.0, e.value - e.low) for e in found], [max(0.0, e.high - e.value) for e in found]]
+def _percent(estimate: Estimate) -> Estimate:
+    return Estimate(*(100.0 * part for part in estimate))
 
 
 def _estimate(cell: Cell, measure: str) -> Estimate | None:
     """A share in percent, or an interquartile mean."""
     if measure in ("success", "collision"):
-        return Estimate(*(100.0 * part for part in cell.share(lambda row: row["outcome"] == measure).estimate))
+        return _percent(cell.share(lambda row: row["outcome"] == measure).estimate)
     return interquartile_mean([cell.values(measure)])
-
-
-def _label(text: str) -> str:
-    """A text of a folder, so that matplotlib takes no part of it as mathematics."""
-    return shown(text, 60).replace("$", r"\$")
 
 
 def _class(row: Row) -> str | None:
     return (row.get("contact") or {}).get("class")
-
-
-def _legend(figure: Figure, methods: Sequence[str], colours: dict[str, str]) -> None:
-    patches = [Patch(color=colours[method], label=_label(method)) for method in methods]
-    figure.legend(handles=patches, loc="outside upper center", ncols=min(len(methods), 5))
-
-
-def _picture(name: str, title: str, caption: str, figure: Figure) -> Picture:
-    """The figure as SVG: the same bytes for the same content."""
-    content = io.StringIO()
-    with matplotlib.rc_context({"svg.hashsalt": name}):
-        figure.savefig(content, format="svg", metadata={"Date": None}, transparent=True)
-    name = re.sub(r"[^\w-]+", "-", name)
-    return Picture(name, title, caption, content.getvalue())
