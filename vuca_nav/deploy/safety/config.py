@@ -49,9 +49,10 @@ class MonitorConfig:
 class WatchdogConfig:
     """Thresholds of the watchdogs."""
 
-    silence: float = 0.15
-    """Longest time between two new messages of scan or odometry [s]: with a tick of 1/30 s it leaves a zero command
-    within 0.2 s. A source whose period is above 0.05 s gets its period and 0.1 s. Nav2: ``source_timeout``, 2.0 s."""
+    silence: float = 0.12
+    """Longest time between two new messages of scan or odometry [s]: three periods of 30 Hz and some delay, and the
+    zero command is out within 0.2 s, the tick of 1/30 s included. A source whose period is above 0.05 s gets its period
+    and 0.1 s. Nav2: ``source_timeout``, 2.0 s."""
     transport: float = 0.1
     """Longest way of a message from its stamp to here, beyond ``silence`` [s]. Nav2: ``transform_tolerance``, 0.1 s."""
     ahead: float = 0.1

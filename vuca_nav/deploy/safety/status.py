@@ -20,7 +20,7 @@ class Reason(NamedTuple):
     """Something that is wrong."""
 
     name: str
-    """Kind of the fault, one of ``faults.NAMES``, as in "scan_silent"."""
+    """Kind of the fault, one of ``faults.REASONS``, as in "scan_silent"."""
     text: str
     """What it is, in one line with figures."""
 

@@ -59,7 +59,7 @@ class Base:
     def __init__(self, spec: BodySpec, pose: Pose2 = STANDING):
         self.spec, self.pose, self.time = spec, pose, 0.0
         self.velocity = np.zeros(3)
-        self._ticks = 0
+        self._steps = 0
         self._waiting: deque[tuple[float, np.ndarray]] = deque()
         self._obeyed = np.zeros(3)
 
@@ -74,21 +74,26 @@ class Base:
 
     def step(self, command: VelocityCommand) -> list[Pose2]:
         """Hold a command for a tick; poses on the way."""
+        self.give(command)
+        return [self.advance() for _ in range(STEPS)]
+
+    def give(self, command: VelocityCommand) -> None:
+        """Take in a command."""
         self._waiting.append((self.time + self.spec.delay, np.array(command)))
+
+    def advance(self) -> Pose2:
+        """Move on by a step of a tick."""
         a = np.array([self.spec.max_a_x, self.spec.max_a_y, self.spec.max_a_w])
-        dt, poses = TICK / STEPS, []
-        for k in range(STEPS):
-            now = self.time + k * dt
-            while self._waiting and self._waiting[0][0] <= now + 1e-9:
-                self._obeyed = self._waiting.popleft()[1]
-            before = self.velocity
-            self.velocity = before + np.clip(self._obeyed - before, -a * dt, a * dt)
-            v_x, v_y, w_z = 0.5 * (before + self.velocity)
-            middle = self.pose.yaw + 0.5 * w_z * dt
-            c, s = math.cos(middle), math.sin(middle)
-            x, y = self.pose.x + (v_x * c - v_y * s) * dt, self.pose.y + (v_x * s + v_y * c) * dt
-            self.pose = Pose2(x, y, self.pose.yaw + w_z * dt)
-            poses.append(self.pose)
-        self._ticks += 1
-        self.time = self._ticks * TICK
-        return poses
+        dt = TICK / STEPS
+        while self._waiting and self._waiting[0][0] <= self.time + 1e-9:
+            self._obeyed = self._waiting.popleft()[1]
+        before = self.velocity
+        self.velocity = before + np.clip(self._obeyed - before, -a * dt, a * dt)
+        v_x, v_y, w_z = (0.5 * (before + self.velocity)).tolist()
+        middle = self.pose.yaw + 0.5 * w_z * dt
+        c, s = math.cos(middle), math.sin(middle)
+        x, y = self.pose.x + (v_x * c - v_y * s) * dt, self.pose.y + (v_x * s + v_y * c) * dt
+        self.pose = Pose2(x, y, self.pose.yaw + w_z * dt)
+        self._steps += 1
+        self.time = self._steps * dt
+        return self.pose
