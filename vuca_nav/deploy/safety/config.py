@@ -16,9 +16,9 @@ class MonitorConfig:
     margin: float = 0.05
     """Clearance of the footprint within which nothing is approached any further [m]. Nav2: the polygon of action
     ``stop``."""
-    smoothing: float = 0.045
-    """Angle to each side over which a range is averaged with those of the same surface [rad]: two beams of a degree,
-    which halve the noise. Nav2 waits for ``min_points`` (4) in a polygon instead, and misses what is thin."""
+    smoothing: int = 2
+    """Number of beams to each side that a range is averaged with if they end on the same surface: five halve the noise.
+    Nav2 waits for ``min_points`` (4) in a polygon instead, and misses what is thin."""
     surface: float = 0.1
     """Difference of two ranges up to which they are of the same surface [m]: five standard deviations of a range."""
     hold: float = 0.2

@@ -19,6 +19,7 @@ from vuca_nav.deploy.safety.limits import Given
 from vuca_nav.deploy.safety.status import Action
 from vuca_nav.deploy.safety.sweep import (
     ROUNDING,
+    Beams,
     Course,
     distance_to,
     empty_poses,
@@ -84,13 +85,13 @@ class CollisionMonitor:
         self._accelerations = np.array([body.max_a_x, body.max_a_y, body.max_a_w])
         self._decelerations = config.deceleration * self._accelerations
         angles = lidar.angles_in_base()
-        self._directions = np.column_stack([np.cos(angles), np.sin(angles)])
-        self._origin = np.array([lidar.mount.x, lidar.mount.y])
+        origin = np.array([lidar.mount.x, lidar.mount.y])
+        directions = np.column_stack([np.cos(angles), np.sin(angles)])
+        self._beams = Beams(np.full(lidar.num_beams, np.inf), origin, directions)
         self._poses = empty_poses()
         self._points = np.empty((lidar.num_beams, 3))
-        self._ranges = np.full(lidar.num_beams, np.inf)
-        self._unseen = np.isnan(self._ranges)
-        self._blind_points = self._blind(self._unseen)
+        self._unseen = np.zeros(lidar.num_beams, np.bool_)
+        self._set_blind(self._unseen)
 
     def observe(self, ranges: FloatArray) -> None:
         """Take in a scan.
@@ -100,14 +101,14 @@ class CollisionMonitor:
                 return, NaN for what is not known [m].
         """
         c = self._config
-        smooth(ranges, int(c.smoothing / abs(self._lidar.pitch)), c.surface, self._ranges)
+        smooth(ranges, c.smoothing, c.surface, self._beams.ranges)
         unseen = np.isnan(ranges)
         if not np.array_equal(unseen, self._unseen):
-            self._unseen, self._blind_points = unseen, self._blind(unseen)
+            self._set_blind(unseen)
 
     def clearance(self, motion: Motion) -> float:
         """Distance of the footprint to the nearest return, now; negative for one inside, ``inf`` without any [m]."""
-        points = self._near(self._ranges, self._origin, self._directions, motion.scan_from_base, self._lidar.max_range)
+        points = self._near(self._beams, motion.scan_from_base, np.inf, np.inf)
         return float(points[:, 2].min(initial=np.inf))
 
     def allow(self, wanted: VelocityCommand, motion: Motion) -> Decision:
@@ -121,18 +122,17 @@ class CollisionMonitor:
         action: Action = "passed"
         command, message = wanted, ""
         reach = farthest(course, self._outline.radius)
-        pose, slow = motion.scan_from_base, c.margin + (c.slow_distance if c.slow_ratio < 1.0 else 0.0)
-        if len(self._blind_points):
-            ones = np.ones(len(self._blind_points))
-            blind = self._near(ones, np.zeros(2), self._blind_points, pose, reach + c.margin)
+        pose, slow = motion.scan_from_base, max(c.slow_distance if c.slow_ratio < 1.0 else 0.0, c.margin)
+        if len(self._blind_beams.ranges):
+            blind = self._near(self._blind_beams, pose, reach + c.margin, c.margin)
             if self._approach(blind, course, command)[0] > ROUNDING:
                 command = self._creeping(command)
                 action, message = "slowed", "the lidar does not look where the body goes"
-        points = self._near(self._ranges, self._origin, self._directions, pose, reach + max(slow, c.margin))
-        if not len(points):
+        points = self._near(self._beams, pose, reach + slow, slow)
+        if self._intrusion(points, course, command, slow)[0] <= ROUNDING:
             return Decision(command, action, message)
-        points = points[points[:, 2].argsort(kind="stable")]
-        if slow > c.margin and self._intrusion(points, course, command, c.slow_distance)[0] > ROUNDING:
+        points = points[points[:, 2].argsort(kind="stable")]  # the nearest first: they end a search
+        if slow > c.margin:
             slowly = self._slowly(command)
             if slowly != command:
                 command, action, message = slowly, "slowed", f"something within {c.slow_distance:g} m of its way"
@@ -210,12 +210,9 @@ class CollisionMonitor:
         start = np.array([*motion.scan_from_base, v_x, v_y if body.max_v_y > 0.0 else 0.0, w_z])
         return Course(start, np.array(times), np.array(commands), self._accelerations, self._decelerations)
 
-    def _near(
-        self, ranges: FloatArray, origin: FloatArray, directions: FloatArray, pose: Pose2, reach: float
-    ) -> FloatArray:
-        """The points (n, 3) that are within a distance of the footprint [m], with their distances."""
-        start = np.array([*pose, 0.0, 0.0, 0.0])
-        return self._points[: gather(ranges, origin, directions, start, reach, self._outline, self._points)]
+    def _near(self, beams: Beams, pose: Pose2, reach: float, exact: float) -> FloatArray:
+        """The points (n, 3) that are within a distance of the footprint [m], with their distances as ``gather`` has."""
+        return self._points[: gather(beams, pose, reach, exact, self._outline, self._points)]
 
     def _slowly(self, command: VelocityCommand) -> VelocityCommand:
         """The command, along its arc at no more than the share of the greatest speed that is slow."""
@@ -229,12 +226,13 @@ class CollisionMonitor:
         share = min(1.0, self._config.blind_speed / fastest) if fastest > 0.0 else 1.0
         return _share(command, share, share)
 
-    def _blind(self, unseen: np.ndarray) -> FloatArray:
-        """Points (n, 2) about the footprint that stand for what the lidar does not look at.
+    def _set_blind(self, unseen: np.ndarray) -> None:
+        """Make the points about the footprint that stand for what the lidar does not look at.
 
         Args:
             unseen: (num_beams,) the beams of which nothing is known.
         """
+        self._unseen = unseen
         lidar, outline = self._lidar, self._outline
         angles = lidar.angles_in_base()[~unseen]
         if not len(angles):
@@ -249,12 +247,12 @@ class CollisionMonitor:
             for angle in inner:
                 ray = np.array([math.cos(angle), math.sin(angle)])
                 ahead = outline.normals[:, 0] * ray[0] + outline.normals[:, 1] * ray[1]
-                left = outline.offsets - (outline.normals * self._origin).sum(axis=1)
+                left = outline.offsets - (outline.normals * self._beams.origin).sum(axis=1)
                 leaves = float((left[ahead > 1e-9] / ahead[ahead > 1e-9]).min())
-                point = self._origin + (max(leaves, 0.0) + _BLIND_AT) * ray
+                point = self._beams.origin + (max(leaves, 0.0) + _BLIND_AT) * ray
                 if distance_to(outline, point[0], point[1]) > 0.0:
                     points.append(point)
-        return np.array(points) if points else _NO_POINTS
+        self._blind_beams = Beams(np.ones(len(points)), np.zeros(2), np.array(points) if points else _NO_POINTS)
 
 
 def _share(command: VelocityCommand, linear: float, angular: float) -> VelocityCommand:

@@ -44,6 +44,17 @@ class Course(NamedTuple):
     """(3,) decelerations that braking is counted on to have."""
 
 
+class Beams(NamedTuple):
+    """A scan by its beams."""
+
+    ranges: FloatArray
+    """(num_beams,) [m]"""
+    origin: FloatArray
+    """(2,) position of the lidar in base_link [m]."""
+    directions: FloatArray
+    """(num_beams, 2) in base_link."""
+
+
 class Poses(NamedTuple):
     """Scratch for the poses of a motion."""
 
@@ -165,32 +176,35 @@ def distance_to(outline, x, y):
 
 
 @njit(cache=True)
-def gather(ranges, origin, directions, start, reach, outline, out):
+def _bounded_distance(outline, pose_x, pose_y, c, s, x, y, enough):
+    """Distance of a point to the outline at a pose [m]; from ``enough`` on only some number of that, and no more."""
+    away_x, away_y = x - pose_x, y - pose_y
+    least = math.sqrt(away_x * away_x + away_y * away_y) - outline.radius
+    return least if least >= enough else distance_to(outline, c * away_x + s * away_y, c * away_y - s * away_x)
+
+
+@njit(cache=True)
+def gather(scan, start, reach, exact, outline, out):
     """Collect the points of a scan that a motion can come near.
 
     Args:
-        ranges: (num_beams,) [m]; what is not finite is no point.
-        origin: (2,) position of the lidar in base_link of the scan [m].
-        directions: (num_beams, 2) of its beams there.
-        start: (6,) where the motion begins: x, y, yaw, in base_link of the scan; the rest is not looked at.
+        scan: A ``Beams``; a range that is not finite is no point.
+        start: Pose at which the motion begins, in base_link of the scan.
         reach: Distance from the footprint up to which a point counts [m].
+        exact: Distance up to which distances are exact; above, only no greater than they are, and above it too [m].
         outline: An ``Outline``.
-        out: (num_beams, 3) written to: x, y in base_link of the scan and the distance to the outline at the start [m].
+        out: (n, 3) written to: x, y in base_link of the scan and the distance to the outline at the start [m].
 
     Returns:
         How many points there are.
     """
     count, c, s = 0, math.cos(start[2]), math.sin(start[2])
-    far = (outline.radius + reach) ** 2
-    for b in range(len(ranges)):
-        r = ranges[b]
+    for b in range(len(scan.ranges)):
+        r = scan.ranges[b]
         if not r < np.inf:
             continue
-        x, y = origin[0] + r * directions[b, 0], origin[1] + r * directions[b, 1]
-        away_x, away_y = x - start[0], y - start[1]
-        if away_x * away_x + away_y * away_y > far:
-            continue
-        distance = distance_to(outline, c * away_x + s * away_y, c * away_y - s * away_x)
+        x, y = scan.origin[0] + r * scan.directions[b, 0], scan.origin[1] + r * scan.directions[b, 1]
+        distance = _bounded_distance(outline, start[0], start[1], c, s, x, y, exact)
         if distance < reach:
             out[count] = x, y, distance
             count += 1
@@ -256,8 +270,8 @@ def intrusion(points, poses, travel, outline, margin, enough):
             i += 1
             while travel[i] < goal:
                 i += 1
-            away_x, away_y, c, s = points[k, 0] - poses[i, 0], points[k, 1] - poses[i, 1], poses[i, 2], poses[i, 3]
-            distance = distance_to(outline, c * away_x + s * away_y, c * away_y - s * away_x)
+            x, y, c, s = poses[i]
+            distance = _bounded_distance(outline, x, y, c, s, points[k, 0], points[k, 1], keep)
             if i == count - 1:
                 if keep - distance > most:
                     most, which = keep - distance, k
