@@ -211,6 +211,7 @@ def test_what_it_is_given_is_in_every_row(weights, critic):
     (row,) = {json.dumps(asdict(c.options)) for c in episodes_of(choose(SUITES["smoke"], ["ours"], options=options))}
     assert json.loads(row) == {
         "policy": weights, "gate": None, "without_expert": 2, "no_shield": True, "critic": critic, "gamma": 1.5,
+        "monitor": False,
     }  # fmt: skip
     flat = episodes_of(choose(SUITES["smoke"], ["ours"], options=options))[0].row()
     assert {key: flat[key] for key in json.loads(row)} == json.loads(row)
