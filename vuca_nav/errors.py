@@ -45,3 +45,7 @@ class BadWeights(VucaError):
 
 class BadBundle(VucaError):
     """A deployable bundle that is incomplete, changed, or of a format that is not read."""
+
+
+class BadLog(VucaError):
+    """A log of a mission that cannot be read, or is not of the bundle that it is replayed with."""

@@ -1,7 +1,6 @@
 """The steps that go into a bundle: missions in the simulator, driven by the very stack that is exported."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from vuca_nav.policy.network import Network
 from vuca_nav.shield.shield import Shield
 from vuca_nav.stack import Stack
 from vuca_nav.telemetry.interface import Telemetry
-from vuca_nav.types import FloatArray, Scan
+from vuca_nav.types import FloatArray
 
 STEPS = 1000
 """Number of steps of the policy, or of ticks where no network drives."""
@@ -58,19 +57,13 @@ def record_steps(
         acts = _listen(navigator, recorder)
         outcome = None
         while outcome is None and done < count:
-            sent = _as_sent(scan)
-            command = navigator.step(sent, odometry)
-            recorder.add(sent, odometry, command)
+            command = navigator.step(scan, odometry)
+            recorder.add(scan, odometry, command)
             scan, odometry = simulation.step(command)
             outcome = episode.judge(simulation)
             done = len(recorder.acted) if acts else recorder.ticks
             progress(done)
     return recorder, {"world": f"{WORLD} --region {REGION}", "seeds": ", ".join(map(str, seeds))}
-
-
-def _as_sent(scan: Scan) -> Scan:
-    """The scan as a LaserScan message carries it: ranges in single precision."""
-    return replace(scan, ranges=scan.ranges.astype(np.float32).astype(np.float64))
 
 
 def _listen(navigator: Stack, recorder: StepsRecorder) -> bool:

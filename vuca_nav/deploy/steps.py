@@ -1,6 +1,6 @@
 """The recorded steps of a bundle: what the stack saw and said in the simulator, to compare with what it says elsewhere.
 
-Ranges are in single precision, as a LaserScan carries them, and were so when the stack saw them.
+Ranges are in single precision, as a LaserScan and the simulator's lidar have them.
 """
 
 import math

@@ -37,6 +37,13 @@ _MESSAGES = {
         "float32 distance_remaining"
     ),
     "action_msgs/srv/CancelGoal_Request": "action_msgs/GoalInfo goal_info",
+    # The project's own, in a mission's log (vuca_nav.deploy.log).
+    "vuca_msgs/msg/Mission": (
+        "bool is_reset\nfloat64[3] start\nbool has_goal\nfloat64[2] goal\nstring lidar\nbuiltin_interfaces/Time stamp"
+    ),
+    "vuca_msgs/msg/Tick": (
+        "builtin_interfaces/Time stamp\nuint32 scan\nfloat64 scan_stamp\nfloat64[10] odometry\nfloat64[3] command"
+    ),
     "action_msgs/srv/CancelGoal_Response": "int8 return_code\naction_msgs/GoalInfo[] goals_canceling",
 }
 _ACTIONS = ("nav2_msgs/action/NavigateToPose",)
