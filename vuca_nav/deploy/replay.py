@@ -20,6 +20,7 @@ from vuca_nav.data_files import parse_json, shown
 from vuca_nav.deploy.bundle import Bundle, load_bundle
 from vuca_nav.deploy.log import FORMAT, METADATA, MISSION, MISSION_TYPE, TICK, TICK_TYPE
 from vuca_nav.deploy.log_file import LogFile, LoggedMessage
+from vuca_nav.deploy.open_loop import OpenLoop, OpenLoopRun, find_topics
 from vuca_nav.deploy.transport.ros_types import BadMessage, decode
 from vuca_nav.errors import BadArgument, BadBundle, BadLog
 from vuca_nav.navigator import Navigator
@@ -29,6 +30,8 @@ from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import LidarSpec, Odometry, Pose2, Scan, Twist2
 
 SCAN_TYPE = "sensor_msgs/msg/LaserScan"
+MOST_LINES = 60
+"""Greatest number of lines of commands that are shown."""
 KEPT_SCANS = 64
 """Number of the last scans that a tick may refer to: two seconds at 30 Hz."""
 
@@ -43,6 +46,10 @@ class ReplayArguments:
     """MCAP file of vuca deploy --log, or of ros2 bag record -s mcap with a scan and odometry."""
     goal: Annotated[tuple[float, float] | None, tyro.conf.arg(metavar="X Y", help_behavior_hint="")] = None
     """Goal in the map [m], for a log without one."""
+    scan: Annotated[str | None, tyro.conf.arg(metavar="TOPIC", help_behavior_hint="")] = None
+    """Topic of the scan, where a log of others has several."""
+    odometry: Annotated[str | None, tyro.conf.arg(metavar="TOPIC", help_behavior_hint="")] = None
+    """Topic of the odometry, where a log of others has several."""
     record: Annotated[Path | None, tyro.conf.arg(metavar="FILE.rrd", help_behavior_hint="")] = None
     """Record the replay for the Rerun viewer."""
     json: bool = False
@@ -77,22 +84,38 @@ def replay(argv: list[str]) -> int:
     """Replay a log with a bundle: the same commands to the bit, or what the stack would have said."""
     arguments = parse(ReplayArguments, "replay", argv)
     bundle = load_bundle(arguments.bundle)
+    is_own = _is_of_deploy(arguments.log)
+    if is_own and (arguments.goal or arguments.scan or arguments.odometry):
+        raise BadArgument(
+            "--goal, --scan and --odometry go with logs of others; a log of vuca deploy says these itself"
+        )
     telemetry = _telemetry(arguments, bundle)
     try:
-        probe = LogFile(arguments.log)
-        with CountedProgress(sys.stderr, "bytes replayed", probe.size) as progress:
+        with CountedProgress(sys.stderr, "bytes replayed", LogFile(arguments.log).size) as progress:
             log = LogFile(arguments.log, progress)
-            if not _is_of_deploy(arguments.log):
-                raise BadLog(f"{arguments.log} is no log of vuca deploy")
-            if arguments.goal is not None:
-                raise BadArgument("--goal goes with logs of others; a log of vuca deploy has its goals")
-            result = replay_log(bundle, log, telemetry)
+            if is_own:
+                result = replay_log(bundle, log, telemetry)
+            else:
+                result = _open_loop(arguments, bundle, log, telemetry)
     finally:
         telemetry.close()
-    show(_told(result))
+    if isinstance(result, Replayed):
+        show(_told(result))
+        row = {**result._asdict(), "first": result.first and result.first._asdict()}
+    else:
+        show(_told_open_loop(result))
+        row = {**result._asdict(), "said": [said._asdict() for said in result.said]}
     if arguments.json:
-        show(json.dumps({**result._asdict(), "first": result.first and result.first._asdict()}, allow_nan=False))
-    return 0 if result.equal == result.ticks else 1
+        show(json.dumps({"exact": is_own, **row}, allow_nan=False))
+    return 1 if isinstance(result, Replayed) and result.equal < result.ticks else 0
+
+
+def _open_loop(arguments: ReplayArguments, bundle: Bundle, log: LogFile, telemetry: Telemetry) -> OpenLoop:
+    """The stack over a log of somebody else's."""
+    if arguments.goal is not None and not np.isfinite(arguments.goal).all():
+        raise BadArgument(f"--goal {arguments.goal[0]} {arguments.goal[1]}: two finite numbers would be right")
+    topics = find_topics(bundle, LogFile(arguments.log), arguments.scan, arguments.odometry)
+    return OpenLoopRun(bundle, topics, arguments.goal, telemetry).run(log)
 
 
 def replay_log(bundle: Bundle, log: LogFile, telemetry: Telemetry = Telemetry()) -> Replayed:
@@ -235,4 +258,26 @@ def _told(result: Replayed) -> str:
         lines.append(f"  {result.left_out:,} ticks left out: before a mission, or their scan is not in the log")
     if result.damage:
         lines.append(f"  the log is not whole: {result.damage}")
+    return "\n".join(lines)
+
+
+def _told_open_loop(result: OpenLoop) -> str:
+    """The result of a log of somebody else's, for a terminal."""
+    x, y, yaw = result.end
+    lines = [
+        f"no log of vuca deploy: the stack in the open loop over {result.duration:.1f} s, {result.scans:,} scans of "
+        f"{result.num_beams} beams, {result.ticks:,} ticks",
+        f"  {result.path_length:.2f} m by its own estimate, to ({x:.2f}, {y:.2f}), yaw {yaw:.2f}",
+    ]
+    if result.goal is None:
+        lines.append("  no goal in the log and none by --goal: it stands and maps")
+    for reason, count in sorted(result.refused.items()):
+        lines.append(f"  {count:,} messages refused: {reason}")
+    if result.damage:
+        lines.append(f"  the log is not whole: {result.damage}")
+    lines.append("    time    said v_x   v_y   w_z   driven v_x   v_y   w_z")
+    every = -(-len(result.said) // MOST_LINES)
+    for time, said, driven in result.said[::every]:
+        cells = (" ".join(f"{value:5.2f}" for value in values) for values in (said, driven))
+        lines.append(f"{time:8.1f}       {'        '.join(cells)}")
     return "\n".join(lines)

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -47,7 +48,9 @@ def test_the_readers_of_mcap_and_of_rosbags_read_it(bundle, tmp_path):
         assert len(list(reader.iter_messages(["/scan"]))) == 40
     with AnyReader([tmp_path / "log.mcap"], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
         assert {connection.topic: connection.msgtype for connection in reader.connections}["/cmd_vel"] == COMMAND
-        sent = [reader.deserialize(raw, COMMAND) for link, _, raw in reader.messages() if link.topic == "/cmd_vel"]
+        sent: list[Any] = [
+            reader.deserialize(raw, COMMAND) for link, _, raw in reader.messages() if link.topic == "/cmd_vel"
+        ]
     assert [(each.linear.x, each.angular.z) for each in sent] == [(each.v_x, each.w_z) for each in commands]
 
 
