@@ -43,7 +43,7 @@ class ReplayArguments:
     bundle: tyro.conf.Positional[Path]
     """Folder of vuca export."""
     log: tyro.conf.Positional[Path]
-    """MCAP file of vuca deploy --log, or of ros2 bag record -s mcap with a scan and odometry."""
+    """MCAP file of vuca deploy, or of ros2 bag record with a scan and odometry."""
     goal: Annotated[tuple[float, float] | None, tyro.conf.arg(metavar="X Y", help_behavior_hint="")] = None
     """Goal in the map [m], for a log without one."""
     scan: Annotated[str | None, tyro.conf.arg(metavar="TOPIC", help_behavior_hint="")] = None
