@@ -43,13 +43,19 @@ def export(argv: list[str]) -> int:
     with CountedProgress(sys.stderr, "steps recorded in the simulator", arguments.steps) as progress:
         exported = make_bundle(
             arguments.robot, arguments.method or BEST, options_of(arguments), arguments.out,
-            progress=progress, steps=arguments.steps, command=shlex.join(["vuca", "export", *argv]),
+            progress=progress, steps=arguments.steps, command=_told(argv, arguments.out),
         )  # fmt: skip
     show("\n".join(f"{name:20} {size:>10,} bytes" for name, size in exported["files"].items()))
     show(f"bundle of {exported['robot']}, {exported['method']}: {arguments.out}\nnext: vuca check {arguments.out}")
     if arguments.json:
         show(json.dumps(exported, allow_nan=False))
     return 0
+
+
+def _told(argv: list[str], out: Path) -> str:
+    """The command as a manifest tells it: the bundle's folder by its name, wherever that lies on one machine."""
+    words = [out.name if word == str(out) else word.replace(f"--out={out}", f"--out={out.name}") for word in argv]
+    return shlex.join(["vuca", "export", *words])
 
 
 def make_bundle(
