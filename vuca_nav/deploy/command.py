@@ -1,0 +1,177 @@
+"""``vuca deploy``: arguments in, an exit code out."""
+
+import json
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, TextIO
+
+import tyro
+
+from vuca_nav.cli import parse, show
+from vuca_nav.errors import BadArgument
+
+
+def _optional(metavar: str) -> Any:
+    """An argument that may be left out: it is shown without a default of None."""
+    return tyro.conf.arg(metavar=metavar, help_behavior_hint="")
+
+
+@dataclass(frozen=True)
+class DeployArguments:
+    """Drive a robot: run the stack of a bundle behind ROS 2 topics, without ROS.
+
+    Listens to scan, odom, imu, tf_static, goal_pose, initialpose, emergency_stop and to the action navigate_to_pose;
+    publishes cmd_vel, map, plan, tracks, tf and diagnostics. The robot stands until there is a goal and all has been
+    healthy for a second. What ROS users put behind --ros-args goes here, too:
+
+      vuca deploy go2-bundle --interface eth0 --log run.mcap --ros-args -r __ns:=/go2 -r scan:=/go2/front_scan
+
+    Put the robot on blocks first: docs/deployment.md leads from there to the first metre. With the simulator in its
+    place: vuca bridge.
+    """
+
+    bundle: tyro.conf.Positional[Path]
+    """Folder that vuca export wrote."""
+    log: Annotated[Path | None, _optional("FILE.mcap")] = None
+    """Keep what is heard, said and done, for vuca replay, Foxglove and ros2 bag."""
+    lockstep: bool = False
+    """Answer each pair of scan and odometry with one stamp, however long it takes: for vuca bridge --lockstep. It wants
+    a topic clock, which a real robot does not have."""
+    twist: bool = False
+    """Publish cmd_vel as Twist, Nav2's up to Jazzy, instead of TwistStamped."""
+    domain: Annotated[int | None, _optional("N")] = None
+    """ROS domain; by default that of ROS_DOMAIN_ID, or 0."""
+    interface: Annotated[str | None, _optional("NAME")] = None
+    """Network interface, eth0 for example; by default this machine alone is reached."""
+    record: Annotated[Path | None, _optional("FILE.rrd")] = None
+    """Record the run for the Rerun viewer."""
+    spawn: bool = False
+    """Show the run in a Rerun viewer as it happens."""
+    serve: bool = False
+    """Show the run in a browser as it happens."""
+    json: bool = False
+    """End with one JSON object on stdout: ticks, their times, messages refused."""
+
+
+def deploy(argv: list[str]) -> int:
+    """Drive a robot: run the stack of a bundle behind ROS 2 topics, without ROS."""
+    from vuca_nav.deploy.transport.names import parse_ros_arguments, split_ros_arguments
+
+    own, ros_words = split_ros_arguments(argv)
+    arguments = parse(DeployArguments, "deploy", own)
+    if sum((arguments.record is not None, arguments.spawn, arguments.serve)) > 1:
+        raise BadArgument("--record, --spawn and --serve exclude each other; give one of them")
+    ros = parse_ros_arguments(ros_words, "vuca_deploy")
+
+    from vuca_nav.deploy.bundle import load_bundle
+    from vuca_nav.deploy.node.log import NodeLog
+    from vuca_nav.deploy.node.loop import Node, NodeConfig
+    from vuca_nav.deploy.node.warm_up import warm_up
+    from vuca_nav.deploy.transport.dds import DdsTransport
+    from vuca_nav.deploy.transport.network import network_of
+
+    network = network_of(arguments.domain, arguments.interface)
+    bundle = load_bundle(arguments.bundle)
+    if arguments.lockstep and arguments.twist:
+        raise BadArgument("--lockstep needs cmd_vel with stamps: leave --twist out")
+    config = NodeConfig(
+        lockstep=arguments.lockstep,
+        use_sim_time=ros.use_sim_time or arguments.lockstep,
+        stamped=not arguments.twist,
+    )
+    log = NodeLog() if arguments.log is None else _open_log(arguments.log, bundle)
+    telemetry = _open_telemetry(arguments)
+    began = time.monotonic()
+    print("compiling, and driving the bundle's recorded steps once ...", file=sys.stderr)
+    warm_up(bundle)
+    print(f"ready after {time.monotonic() - began:.1f} s", file=sys.stderr)
+    if network.warning is not None:
+        print(f"warning: {network.warning}", file=sys.stderr)
+    where = "this machine alone" if network.interface is None else network.interface
+    print(f"ROS domain {network.domain} on {where}, namespace {ros.namespace}", file=sys.stderr)
+    try:
+        with DdsTransport(network, ros) as transport:
+            node = Node(bundle, transport, config, telemetry, log)
+            line = StatusLine(sys.stderr)
+            node.after_tick = lambda: line(node.status)
+            try:
+                node.run()
+            finally:
+                line.end()
+                _summarise(node, transport.refusals, arguments.json)
+    finally:
+        log.close()
+        close = getattr(telemetry, "close", None)
+        if close is not None:
+            close()
+    return 0
+
+
+class StatusLine:
+    """A line about what the robot does: in place on a terminal, otherwise every ten seconds and when it changes.
+
+    Args:
+        stream: Stream to write to.
+    """
+
+    def __init__(self, stream: TextIO):
+        self._stream, self._in_place = stream, stream.isatty()
+        self._interval = 0.2 if self._in_place else 10.0
+        self._last, self._written = -float("inf"), False
+
+    def __call__(self, status: Any) -> None:
+        """Write the line if it is due.
+
+        Args:
+            status: Called for the line.
+        """
+        now = time.monotonic()
+        if now - self._last < self._interval:
+            return
+        self._last, self._written = now, True
+        text = status()
+        self._stream.write(f"\r{text[:118]:<118}" if self._in_place else f"{text}\n")
+        self._stream.flush()
+
+    def end(self) -> None:
+        """End the terminal's line."""
+        if self._in_place and self._written:
+            self._stream.write("\n")
+
+
+def _open_log(path: Path, bundle: Any) -> Any:
+    from vuca_nav.deploy.log import MissionLog
+
+    return MissionLog(path, bundle.manifest)
+
+
+def _open_telemetry(arguments: DeployArguments) -> Any:
+    if not (arguments.record or arguments.spawn or arguments.serve):
+        from vuca_nav.telemetry.interface import Telemetry
+
+        return Telemetry()
+    from vuca_nav.telemetry.rerun.recorder import RerunTelemetry
+
+    title = f"vuca deploy {arguments.bundle}"
+    if arguments.record is not None:
+        return RerunTelemetry.record(arguments.record, title=title)
+    return RerunTelemetry.spawn(title=title) if arguments.spawn else RerunTelemetry.serve(title=title)
+
+
+def _summarise(node: Any, refusals: Any, as_json: bool) -> None:
+    """Say what became of the run."""
+    times = node.times()
+    names = ("compute", "latency", "period")
+    refused = {f"{topic}: {reason}": count for (topic, reason), count in sorted(refusals.counts.items())}
+    row: dict[str, Any] = {"ticks": times.ticks}
+    for name, (median, high) in zip(names, times[1:], strict=True):
+        row[f"{name}_median"], row[f"{name}_p99_9"] = (None if value != value else value for value in (median, high))
+    row |= {"refused": refused, "log_failure": node.log_failure}
+    if times.ticks:
+        parts = [f"{name} {1e3 * median:.1f} ms (99.9 %: {1e3 * high:.1f})" for name, (median, high) in
+                 zip(names, times[1:], strict=True) if median == median]  # fmt: skip
+        print(f"{times.ticks:,} ticks; {', '.join(parts)}; {refusals.total} messages refused", file=sys.stderr)
+    if as_json:
+        show(json.dumps(row))
