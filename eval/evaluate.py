@@ -44,6 +44,7 @@ def evaluate(
     command: str = "",
     job: RunEpisode = run_one,
     run: RunEpisodes | None = None,
+    made_by: Row | None = None,
 ) -> Evaluation:
     """Run those episodes that ``out`` does not hold yet, then summarise all of them.
 
@@ -56,13 +57,14 @@ def evaluate(
         command: The command as typed, noted with the machine if there are episodes to run.
         job: Runs one episode in a worker.
         run: Runs the episodes, on this computer by default.
+        made_by: What decides on the bits of the rows; by default the ``provenance`` of the episodes' methods.
 
     Raises:
         BadArgument: The directory cannot be used for this evaluation.
     """
     asked = [config.row() for config in configs]
     place = {key_of(row): i for i, row in enumerate(asked)}
-    made_by = provenance(configs)
+    made_by = made_by or provenance(configs)
     bits = _bits(identity, made_by, configs)
     crashes: list[Crash] = []
     with ResultStore(out, identity, made_by) as store:

@@ -1,0 +1,163 @@
+"""A robot's side of its ROS 2 topics: sensors out, velocity commands in, and what a mission begins with."""
+
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from eval.bridge.messages import (
+    clock_message,
+    command_of,
+    imu_message,
+    initial_pose_message,
+    map_message,
+    mount_transform,
+    nanoseconds_of,
+    odometry_message,
+    odometry_transform,
+    pose_message,
+    scan_message,
+    transform_of,
+)
+from robots.bodies.body import Body
+from vuca_nav.deploy.robot_file import Frames, Topics
+from vuca_nav.deploy.transport.interface import LATCHED, Publisher, Qos, Subscriber, Transport
+from vuca_nav.mapping.grid import OccupancyGrid
+from vuca_nav.types import Odometry, Pose2, Scan, VelocityCommand
+
+_TRANSFORMS = Qos(depth=100)
+
+
+@dataclass(frozen=True, slots=True)
+class WireConfig:
+    """How the robot's topics look."""
+
+    stamped: bool = True
+    """Whether commands are TwistStamped; otherwise Twist, which cannot say which scan it answers."""
+    frames: Frames = field(default_factory=Frames)
+    topics: Topics = field(default_factory=Topics)
+
+
+class Command(NamedTuple):
+    """A velocity command that arrived."""
+
+    velocity: VelocityCommand
+    stamp: int
+    """Its stamp [ns]; 0 where it has none."""
+    sent: int
+    """When it was published, by the publisher's wall clock [ns]."""
+    received: float
+    """When it was taken, by this process's ``time.perf_counter`` [s]."""
+    publisher: int
+    """Number of its publisher."""
+
+
+class RobotWire:
+    """Publishes what a robot's drivers publish, and hears what they hear.
+
+    Args:
+        transport: The robot's node in the ROS 2 network.
+        body: The robot.
+        config: How its topics look.
+
+    Attributes:
+        map_from_odom: The last transform of map to odom that arrived with its stamp [ns]; None before.
+        refused: Number of messages that were not believed, by topic.
+        scan_sent: When the last scan was published, by the wall clock [ns].
+    """
+
+    def __init__(self, transport: Transport, body: Body, config: WireConfig = WireConfig()):
+        self._transport, self._body, self._frames = transport, body, config.frames
+        self._stamped, topics = config.stamped, config.topics
+        self.map_from_odom: tuple[int, Pose2] | None = None
+        self.refused: Counter[str] = Counter()
+        self.scan_sent = 0
+        advertise = transport.advertise
+
+        self._clock = advertise("/clock", "rosgraph_msgs/msg/Clock")
+        self._tf = advertise("/tf", "tf2_msgs/msg/TFMessage", _TRANSFORMS)
+        self._tf_static = advertise("/tf_static", "tf2_msgs/msg/TFMessage", LATCHED)
+        self._scan = advertise(topics.scan, "sensor_msgs/msg/LaserScan")
+        self._odom = advertise(topics.odom, "nav_msgs/msg/Odometry")
+        self._imu = advertise(topics.imu, "sensor_msgs/msg/Imu")
+        self._initial_pose = advertise(topics.initial_pose, "geometry_msgs/msg/PoseWithCovarianceStamped")
+        self._goal = advertise(topics.goal, "geometry_msgs/msg/PoseStamped")
+        self._map_topic = topics.map
+        self._map: Publisher | None = None  # only where the map is known: others publish it otherwise
+        twist = "geometry_msgs/msg/TwistStamped" if config.stamped else "geometry_msgs/msg/Twist"
+        self._commands = transport.subscribe(topics.cmd_vel, twist, Qos(depth=100))
+        self._transforms = transport.subscribe("/tf", "tf2_msgs/msg/TFMessage", _TRANSFORMS)
+        self._tf_static.publish(mount_transform(body.lidar, body.lidar.height - body.base_height, 0, self._frames))
+
+    def missing(self, needs_goal: bool = True) -> list[str]:
+        """What the other side still lacks to drive the robot, as phrases for a message.
+
+        Args:
+            needs_goal: Whether it has to hear ``goal_pose``.
+        """
+        heard = {"scan": self._scan, "odom": self._odom} | ({"goal_pose": self._goal} if needs_goal else {})
+        lacks = [f"nobody subscribes to {topic}" for topic, publisher in heard.items() if not publisher.subscribers]
+        if not self._commands.publishers:
+            lacks.append(f"nobody publishes cmd_vel as {'TwistStamped' if self._stamped else 'Twist'}")
+        return lacks
+
+    def tell_time(self, stamp: int) -> None:
+        """Publish the simulated time [ns]."""
+        self._clock.publish(clock_message(stamp))
+
+    def sense(self, scan: Scan | None, odometry: Odometry, scan_stamp: int, stamp: int) -> None:
+        """Publish what the sensors say.
+
+        The scan comes last: whoever acts on it has the odometry of the same time.
+
+        Args:
+            scan: A new scan; None if there is none at this time.
+            odometry: The odometry.
+            scan_stamp: When the scan was taken [ns].
+            stamp: When the odometry was measured, now [ns].
+        """
+        self._tf.publish(odometry_transform(odometry, stamp, self._frames))
+        self._imu.publish(imu_message(odometry, stamp, self._frames))
+        self._odom.publish(odometry_message(odometry, stamp, self._frames))
+        if scan is not None:
+            self.scan_sent = time.time_ns()
+            self._scan.publish(scan_message(scan, scan_stamp, self._body.lidar, self._frames))
+
+    def place(self, start: Pose2, stamp: int) -> None:
+        """Publish the robot's pose in the map, as a user gives it in RViz."""
+        self._initial_pose.publish(initial_pose_message(start, stamp, self._frames))
+
+    def send_goal(self, goal: tuple[float, float], stamp: int) -> None:
+        """Publish a goal in the map [m]."""
+        self._goal.publish(pose_message(Pose2(*goal, 0.0), stamp, self._frames))
+
+    def publish_map(self, grid: OccupancyGrid, stamp: int) -> None:
+        """Publish the map, as a map server does."""
+        if self._map is None:
+            self._map = self._transport.advertise(self._map_topic, "nav_msgs/msg/OccupancyGrid", LATCHED)
+        self._map.publish(map_message(grid, stamp, self._frames))
+
+    def wait(self, timeout: float) -> None:
+        """Wait until something arrives, at most so long [s]."""
+        self._transport.wait(timeout)
+
+    def take(self) -> list[Command]:
+        """The commands that have arrived since the last call, oldest first; takes in transforms as well."""
+        for received in self._transforms.take():
+            found = transform_of(received.message, self._frames.map, self._frames.odom)
+            if found is not None:
+                self.map_from_odom = found
+        return _commands(self._commands, self._stamped, self.refused)
+
+
+def _commands(subscriber: Subscriber, stamped: bool, refused: Counter[str]) -> list[Command]:
+    commands = []
+    for received in subscriber.take():
+        message: Any = received.message
+        velocity = command_of(message.twist if stamped else message)
+        if velocity is None:
+            refused["cmd_vel"] += 1
+            continue
+        stamp = nanoseconds_of(message.header.stamp) if stamped else 0
+        commands.append(Command(velocity, stamp, received.sent, time.perf_counter(), received.publisher))
+    return commands
