@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import shlex
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import fields
 from typing import TYPE_CHECKING
 
@@ -14,7 +16,7 @@ from vuca_nav.cli import parse, show
 from vuca_nav.errors import BadArgument
 
 if TYPE_CHECKING:
-    from eval.bridge.remote_stack import RemoteStack
+    from eval.bridge.session import FindStack
     from eval.episode import EpisodeConfig
 
 
@@ -25,9 +27,9 @@ def bridge(argv: list[str]) -> int:
     own, ros_words = split_ros_arguments(argv)
     arguments = parse(BridgeArguments, "bridge", own)
     _check(arguments)
-    from eval.bridge.remote_stack import PaceConfig
+    from eval.bridge.remote_stack import PaceConfig, RemoteStack
     from eval.bridge.robot_wire import RobotWire, WireConfig
-    from eval.bridge.session import stack_of, wait_for_stack
+    from eval.bridge.session import make_pace, wait_for_stack
     from robots.registry import make_body
     from vuca_nav.deploy.transport.dds import DdsTransport
     from vuca_nav.deploy.transport.network import network_of
@@ -39,15 +41,18 @@ def bridge(argv: list[str]) -> int:
     if network.warning:
         print(f"vuca bridge: {network.warning}", file=sys.stderr)
     pace = PaceConfig(arguments.lockstep, arguments.real_time_factor, arguments.timeout)
-    with DdsTransport(network, ros) as transport:
-        wire = RobotWire(transport, body, WireConfig(stamped=arguments.cmd_vel == "stamped"))
-        wait_for_stack(wire, arguments.timeout)
-        return _drive(
-            arguments, configs, stack_of(wire, pace, arguments.warm_up), shlex.join(["vuca", "bridge", *argv])
-        )
+
+    @contextmanager
+    def find_stack() -> Iterator[RemoteStack]:
+        with DdsTransport(network, ros) as transport:
+            wire = RobotWire(transport, body, WireConfig(stamped=arguments.cmd_vel == "stamped"))
+            wait_for_stack(wire, arguments.timeout)
+            yield RemoteStack(wire, make_pace(pace), arguments.warm_up)
+
+    return _drive(arguments, configs, find_stack, shlex.join(["vuca", "bridge", *argv]))
 
 
-def _drive(arguments: BridgeArguments, configs: list[EpisodeConfig], stack: RemoteStack, command: str) -> int:
+def _drive(arguments: BridgeArguments, configs: list[EpisodeConfig], find_stack: FindStack, command: str) -> int:
     """Run the missions and print what became of them."""
     from eval.analysis.summary import table
     from eval.bridge.session import BridgedEpisode, drive_all
@@ -56,17 +61,18 @@ def _drive(arguments: BridgeArguments, configs: list[EpisodeConfig], stack: Remo
     if arguments.out is not None:
         settings = {"lockstep": arguments.lockstep, "warm_up": arguments.warm_up}
         settings |= {} if arguments.lockstep else {"real_time_factor": arguments.real_time_factor}
-        evaluation = drive_all(configs, stack, arguments.out, command, settings)
+        evaluation = drive_all(configs, find_stack, arguments.out, command, settings)
         show(table(evaluation.groups, evaluation.total))
         print(f"rows and summary: {arguments.out}", file=sys.stderr)
         if arguments.json:
             show(json.dumps(json.loads((arguments.out / "summary.json").read_text())))
         return 0
     rows = []
-    for config in configs:
-        with ProgressLine(sys.stderr) as progress:
-            rows.append(BridgedEpisode(config, stack).run(progress=progress).row())
-        show(result_table(rows[-1]))
+    with find_stack() as stack:
+        for config in configs:
+            with ProgressLine(sys.stderr) as progress:
+                rows.append(BridgedEpisode(config, stack).run(progress=progress).row())
+            show(result_table(rows[-1]))
     if arguments.json:
         show(json.dumps(rows[0] if len(rows) == 1 else {"rows": rows}, allow_nan=False))
     return 0

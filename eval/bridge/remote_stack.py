@@ -113,7 +113,8 @@ class RealTime(Pace):
 
     Attributes:
         latencies: Times from a scan's publication to that of the next command, scan in to command out [s].
-        periods: Times between the ends of two ticks [s of the wall clock].
+        periods: Times between the publications of two commands in a row, the stack's own period [s].
+        overruns: Ticks that ended late by more than a quarter of a period: the simulator's own fault.
         stale: Number of ticks at which the base stopped because the last command was too old.
     """
 
@@ -122,14 +123,13 @@ class RealTime(Pace):
         self._oldest = COMMAND_TIMEOUT / factor
         self.latencies: deque[float] = deque(maxlen=_KEPT_LATENCIES)
         self.periods: deque[float] = deque(maxlen=_KEPT_LATENCIES)
-        self.stale = 0
+        self.stale = self.overruns = 0
         self.begin()
 
     def begin(self) -> None:
         """Forget the last command."""
         self._last: Command | None = None
         self._deadline: float | None = None
-        self._ended: float | None = None
 
     def command(self, wire: RobotWire, stamp: int, is_new_scan: bool) -> VelocityCommand:
         """The last command at the end of this tick."""
@@ -139,6 +139,8 @@ class RealTime(Pace):
         waits = is_new_scan
         while True:
             for command in wire.take():
+                if self._last is not None:
+                    self.periods.append((command.sent - self._last.sent) / NANOSECONDS)
                 self._last = command
                 if waits and command.sent >= wire.scan_sent:
                     self.latencies.append((command.sent - wire.scan_sent) / NANOSECONDS)
@@ -148,9 +150,7 @@ class RealTime(Pace):
                 break
             wire.wait(left)
         now = time.perf_counter()
-        if self._ended is not None:
-            self.periods.append(now - self._ended)
-        self._ended = now
+        self.overruns += now - self._deadline > 0.25 * self._period
         if self._last is None or now - self._last.received > self._oldest:
             self.stale += self._last is not None
             return STOP

@@ -2,7 +2,8 @@
 
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,10 @@ from robots.simulation import Simulation
 from vuca_nav.stack import Stack
 from vuca_nav.telemetry.interface import Telemetry
 
+FindStack = Callable[[], AbstractContextManager[RemoteStack]]
+"""Finds the stack on the other side of the wire, and lets it go at the end."""
+Drive = Callable[[EpisodeConfig, RemoteStack], Row]
+"""Runs one mission."""
 _LOOK = 0.1
 """Time between two looks for a stack [s]."""
 
@@ -49,20 +54,20 @@ def make_pace(config: PaceConfig) -> Pace:
     return Lockstep(config.timeout) if config.lockstep else RealTime(config.factor)
 
 
-def wait_for_stack(wire: RobotWire, timeout: float, needs_goal: bool = True) -> None:
+def wait_for_stack(wire: RobotWire, timeout: float, check: Callable[[], None] = lambda: None) -> None:
     """Wait until a stack has found the robot.
 
     Args:
         wire: The robot's topics.
         timeout: Longest wait [s].
-        needs_goal: Whether it has to hear ``goal_pose``.
+        check: Called while waiting; raises if waiting is in vain.
 
     Raises:
         StackSilent: If none does in time.
     """
     deadline = time.monotonic() + timeout
     told = False
-    while missing := wire.missing(needs_goal):
+    while missing := wire.missing():
         if time.monotonic() > deadline:
             raise StackSilent(
                 f"no stack has found the robot within {timeout:g} s: {', '.join(missing)}; start it in the same ROS "
@@ -71,26 +76,41 @@ def wait_for_stack(wire: RobotWire, timeout: float, needs_goal: bool = True) -> 
         if not told:
             print("waiting for a stack ...", file=sys.stderr)
             told = True
+        check()
         time.sleep(_LOOK)
 
 
-def drive_all(configs: Sequence[EpisodeConfig], stack: Stack, out: Path, command: str, settings: Row) -> Evaluation:
+def drive(config: EpisodeConfig, stack: RemoteStack) -> Row:
+    """The row of one mission over the wire."""
+    return BridgedEpisode(config, stack).run().row()
+
+
+def drive_all(
+    configs: Sequence[EpisodeConfig],
+    find_stack: FindStack,
+    out: Path,
+    command: str,
+    settings: Row,
+    drive: Drive = drive,
+) -> Evaluation:
     """Run missions into a directory; run again, it goes on where it was.
 
     Args:
         configs: The missions, all of one robot and method.
-        stack: The other side of the wire.
+        find_stack: Finds the other side of the wire; entered if there is a mission to run.
         out: The directory.
         command: The command as typed.
         settings: What the rows depend on beside the missions, for ``config.json``.
+        drive: Runs one mission.
 
     Raises:
         VucaError: The directory cannot be used, or the stack does not answer: the rows before are kept.
     """
 
     def run(todo: Sequence[EpisodeConfig], _workers: int | None, _job: RunEpisode) -> Iterator[Row | Crash]:
-        for config in todo:
-            yield BridgedEpisode(config, stack).run().row()
+        with find_stack() as stack:
+            for config in todo:
+                yield drive(config, stack)
 
     first, driver = configs[0], driver_of(configs[0])
     seeds = [config.seed for config in configs]
@@ -110,8 +130,3 @@ def drive_all(configs: Sequence[EpisodeConfig], stack: Stack, out: Path, command
 def task_of(config: EpisodeConfig) -> Task:
     """The place and the difficulties of an episode."""
     return Task(config.world, config.region, config.without, config.movers, config.speed, config.sighted)
-
-
-def stack_of(wire: RobotWire, config: PaceConfig, warm_up: float = 0.0) -> RemoteStack:
-    """The stack on the other side of the wire, at a pace."""
-    return RemoteStack(wire, make_pace(config), warm_up)

@@ -1,4 +1,5 @@
 import json
+from contextlib import nullcontext
 from dataclasses import replace
 
 import pytest
@@ -71,14 +72,14 @@ def test_a_mission_over_messages_is_the_same_row_to_the_bit_as_without(short, ro
 def test_missions_are_kept_as_those_of_an_evaluation_and_go_on(short, tmp_path):
     configs = [replace(short, method="nav2", seed=seed) for seed in (3, 4)]
     other, stack = connected(short)
-    drive_all(configs[:2], stack, tmp_path / "out", "vuca bridge", {"lockstep": True})
+    drive_all(configs, lambda: nullcontext(stack), tmp_path / "out", "vuca bridge", {"lockstep": True})
     rows = [json.loads(line) for line in (tmp_path / "out" / "episodes.jsonl").read_text().splitlines()]
     assert [(row["seed"], row["method"], row["outcome"]) for row in rows] == [
         (3, "nav2", "success"),
         (4, "nav2", "success"),
     ]
     heard = len(other.heard)
-    evaluation = drive_all(configs, stack, tmp_path / "out", "vuca bridge", {"lockstep": True})
+    evaluation = drive_all(configs, lambda: nullcontext(stack), tmp_path / "out", "vuca bridge", {"lockstep": True})
     assert len(other.heard) == heard
     assert len(evaluation.rows) == 2
 
@@ -98,7 +99,7 @@ def test_a_stack_that_falls_silent_ends_the_command_and_keeps_the_rows(short, tm
 
     other.stack.step = step
     with pytest.raises(StackSilent):
-        drive_all(configs, stack, tmp_path / "out", "vuca bridge", {"lockstep": True})
+        drive_all(configs, lambda: nullcontext(stack), tmp_path / "out", "vuca bridge", {"lockstep": True})
     assert len((tmp_path / "out" / "episodes.jsonl").read_text().splitlines()) == 1
 
 

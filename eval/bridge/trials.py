@@ -1,0 +1,176 @@
+"""Cells of a robot and a task, driven over the wire and in one process: what parity and real-time runs share."""
+
+import shlex
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+from eval.bridge.processes import Deployment, own_domain
+from eval.bridge.remote_stack import Pace, RemoteStack
+from eval.bridge.robot_wire import RobotWire
+from eval.bridge.session import Drive, drive, drive_all, wait_for_stack
+from eval.episode import CONFIG_FIELDS, EpisodeConfig
+from eval.evaluate import evaluate
+from eval.methods import MethodOptions, identity_of, resolve, title_of
+from eval.metrics import TIMING_FIELDS
+from eval.store import Row
+from eval.suites import Task, parse_seeds
+from robots.registry import make_body
+from vuca_nav.deploy.transport.dds import DdsTransport
+from vuca_nav.deploy.transport.network import NetworkConfig
+from vuca_nav.errors import BadArgument
+from vuca_nav.progress import CountedProgress
+
+TASKS = {"factory-2": Task("factory", 2), "building": Task("building")}
+"""The tasks by name: a maze with movers, and a building with pedestrians."""
+MONITORED = MethodOptions(monitor=True)
+"""In one process the stack has the safety layer under it, too: a deployed one always has."""
+ESTIMATED = ("slam_ate", "slam_final_error")
+"""Fields that are computed from the published transform of map to odom: its composition with the odometry rounds
+otherwise than inside of the stack."""
+SAME_ESTIMATE = 1e-9
+"""Greatest difference of those fields [m]."""
+_NOT_COMPARED = {*TIMING_FIELDS, *CONFIG_FIELDS, *ESTIMATED, "bits", "monitor_ticks"}
+_STEPS = 1000
+"""Steps that a bundle records for vuca check."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrialArguments:
+    """Which missions are driven."""
+
+    out: Path
+    """Directory of the bundles, the rows and the table; the same command goes on where it was."""
+    robots: str = "tiago,go2"
+    """Robots, with commas between them."""
+    tasks: str = ",".join(TASKS)
+    """Tasks, with commas between them."""
+    seeds: str = "0:20"
+    """The seeds A to B - 1."""
+    method: str = "ours-dh"
+    """The method that is deployed."""
+    timeout: float = 120.0
+    """How long to wait for the deployed stack to appear, and in lockstep for each command [s]."""
+
+
+class Cell(NamedTuple):
+    """A robot and a task."""
+
+    robot: str
+    task: str
+    configs: tuple[EpisodeConfig, ...]
+    """Its missions, one for each seed."""
+
+    @property
+    def name(self) -> str:
+        """Name of the cell, of a directory as well."""
+        return f"{self.robot}-{self.task}"
+
+
+def cells_of(arguments: TrialArguments) -> list[Cell]:
+    """The cells that are asked for.
+
+    Raises:
+        BadArgument: A task is unknown, or the seeds are none.
+    """
+    cells = []
+    for robot in arguments.robots.split(","):
+        make_body(robot)
+        for task in arguments.tasks.split(","):
+            if task not in TASKS:
+                raise BadArgument(f"--tasks: unknown task {task!r} (available: {', '.join(TASKS)})")
+            configs = (
+                EpisodeConfig(**asdict(TASKS[task]), robot=robot, method=arguments.method, seed=seed)
+                for seed in parse_seeds(arguments.seeds)
+            )
+            cells.append(Cell(robot, task, tuple(configs)))
+    return cells
+
+
+def bundle_of(robot: str, method: str, folder: Path) -> Path:
+    """The bundle of a robot and a method, made if it is not there."""
+    from eval.export.command import make_bundle
+
+    bundle = folder / f"{robot}-{method}"
+    if not bundle.exists():
+        with CountedProgress(sys.stderr, f"steps recorded for {bundle}", _STEPS) as progress:
+            make_bundle(
+                robot, method, MethodOptions(), bundle,
+                progress=progress, steps=_STEPS, command=f"vuca export --robot {robot} --method {method}",
+            )  # fmt: skip
+    return bundle
+
+
+class Deployed:
+    """The deployed stack of a cell in a process of its own, found by the robot's topics in this one.
+
+    Args:
+        cell: Robot and task.
+        arguments: Which missions are driven.
+        options: Options of ``vuca deploy``.
+        pace: How the simulation waits.
+    """
+
+    def __init__(self, cell: Cell, arguments: TrialArguments, options: Sequence[str], pace: Pace):
+        self._cell, self._arguments, self._options, self.pace = cell, arguments, options, pace
+
+    @contextmanager
+    def __call__(self) -> Iterator[RemoteStack]:
+        """Start it, and end it at the end."""
+        cell, arguments = self._cell, self._arguments
+        bundle = bundle_of(cell.robot, arguments.method, arguments.out / "bundles")
+        domain, log = own_domain(), arguments.out / cell.name / "deploy.log"
+        with (
+            Deployment(bundle, self._options, domain, log) as process,
+            DdsTransport(NetworkConfig(domain)) as transport,
+        ):
+            wire = RobotWire(transport, make_body(cell.robot))
+            wait_for_stack(wire, arguments.timeout, process.check)
+            yield RemoteStack(wire, self.pace)
+
+
+def drive_over_the_wire(
+    cell: Cell, arguments: TrialArguments, deployed: Deployed, settings: Row, drive: Drive = drive
+) -> list[Row]:
+    """Rows of a cell's missions over the wire; kept as they come.
+
+    Args:
+        cell: Robot and task.
+        arguments: Which missions are driven.
+        deployed: Their stack.
+        settings: What the rows depend on beside the missions.
+        drive: Runs one mission.
+    """
+    out = arguments.out / cell.name / "wire"
+    return list(drive_all(cell.configs, deployed, out, shlex.join(sys.argv), settings, drive).rows)
+
+
+def drive_alone(cell: Cell, arguments: TrialArguments) -> list[Row]:
+    """Rows of a cell's missions in one process, with the safety layer under the method; kept as they come."""
+    configs = [replace(config, options=MONITORED) for config in cell.configs]
+    title = title_of(arguments.method, MONITORED.given())
+    identity: Row = {
+        "suite": "bridge",
+        "robots": [cell.robot],
+        "methods": [title],
+        "configurations": {title: identity_of(resolve(arguments.method, MONITORED))},
+        "seeds": [configs[0].seed, configs[-1].seed + 1],
+        "episodes": len(configs),
+        "tasks": [asdict(TASKS[cell.task])],
+    }
+    evaluation = evaluate(
+        identity, configs, arguments.out / cell.name / "alone", workers=1, command=shlex.join(sys.argv)
+    )
+    if evaluation.crashes:
+        raise BadArgument(f"{evaluation.crashes[0].config} crashed: {evaluation.crashes[0].error}")
+    return list(evaluation.rows)
+
+
+def differences(wire: Row, alone: Row) -> list[str]:
+    """Names of the fields in which two rows of one mission differ; all are compared to the bit but the estimates."""
+    names = sorted(({*wire} | {*alone}) - _NOT_COMPARED)
+    different = [name for name in names if wire.get(name) != alone.get(name)]
+    return different + [name for name in ESTIMATED if not abs(wire[name] - alone[name]) <= SAME_ESTIMATE]
