@@ -9,7 +9,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from dataclasses import dataclass
 
-from eval.bridge.robot_wire import Command, RobotWire
+from eval.bridge.robot_wire import Command, Readings, RobotWire
 from vuca_nav.checks import check_positive
 from vuca_nav.errors import VucaError
 from vuca_nav.geometry import compose
@@ -19,7 +19,7 @@ from vuca_nav.types import STOP, Odometry, Pose2, Scan, VelocityCommand
 from vuca_nav.wire import NANOSECONDS, nanoseconds
 
 COMMAND_TIMEOUT = 0.2
-"""Age from which on the base takes a command for none and stops [s of the simulation]: what a real base has to do."""
+"""Age beyond which the base carries out no command, and stops [s of the simulation]: what a real base has to do."""
 FIRST_STAMP = NANOSECONDS
 """Simulated time at which the clock begins [ns]: to ROS a stamp of zero means none."""
 BETWEEN_MISSIONS = NANOSECONDS
@@ -116,11 +116,13 @@ class RealTime(Pace):
         periods: Times between the publications of two commands in a row, the stack's own period [s].
         overruns: Ticks that ended late by more than a quarter of a period: the simulator's own fault.
         stale: Number of ticks at which the base stopped because the last command was too old.
+        last: The last command that has come in this mission; None before.
+        is_stale: Whether it did so at the last tick, or no command has come yet.
     """
 
     def __init__(self, factor: float = 1.0):
         self._period = 1.0 / (TICK_RATE * factor)
-        self._oldest = COMMAND_TIMEOUT / factor
+        self._oldest = COMMAND_TIMEOUT / factor - self._period  # it is carried out for another period
         self.latencies: deque[float] = deque(maxlen=_KEPT_LATENCIES)
         self.periods: deque[float] = deque(maxlen=_KEPT_LATENCIES)
         self.stale = self.overruns = 0
@@ -128,8 +130,9 @@ class RealTime(Pace):
 
     def begin(self) -> None:
         """Forget the last command."""
-        self._last: Command | None = None
+        self.last: Command | None = None
         self._deadline: float | None = None
+        self.is_stale = True
 
     def command(self, wire: RobotWire, stamp: int, is_new_scan: bool) -> VelocityCommand:
         """The last command at the end of this tick."""
@@ -139,9 +142,9 @@ class RealTime(Pace):
         waits = is_new_scan
         while True:
             for command in wire.take():
-                if self._last is not None:
-                    self.periods.append((command.sent - self._last.sent) / NANOSECONDS)
-                self._last = command
+                if self.last is not None:
+                    self.periods.append((command.sent - self.last.sent) / NANOSECONDS)
+                self.last = command
                 if waits and command.sent >= wire.scan_sent:
                     self.latencies.append((command.sent - wire.scan_sent) / NANOSECONDS)
                     waits = False
@@ -151,10 +154,11 @@ class RealTime(Pace):
             wire.wait(left)
         now = time.perf_counter()
         self.overruns += now - self._deadline > 0.25 * self._period
-        if self._last is None or now - self._last.received > self._oldest:
-            self.stale += self._last is not None
+        self.is_stale = self.last is None or now - self.last.received > self._oldest
+        if self.last is None or self.is_stale:
+            self.stale += self.last is not None
             return STOP
-        return self._last.velocity
+        return self.last.velocity
 
 
 class RemoteStack(Stack):
@@ -201,22 +205,15 @@ class RemoteStack(Stack):
         stamp, scan_stamp = self._stamp(odometry.stamp), self._stamp(scan.stamp)
         is_new = scan_stamp != self._scan_stamp
         self._scan_stamp, self._now = scan_stamp, stamp
-        self.publish(scan if is_new else None, odometry, scan_stamp, stamp)
+        self.publish(Readings(scan if is_new else None, odometry, scan_stamp, stamp, stamp))
         command = self.pace.command(self.wire, stamp, is_new)
         self.map_from_base = self._estimate(odometry)
         return command
 
-    def publish(self, scan: Scan | None, odometry: Odometry, scan_stamp: int, stamp: int) -> None:
-        """Publish the time and the readings of a tick.
-
-        Args:
-            scan: The scan if it is new.
-            odometry: The odometry.
-            scan_stamp: When the scan was taken [ns].
-            stamp: The time now [ns].
-        """
-        self.wire.tell_time(stamp)
-        self.wire.sense(scan, odometry, scan_stamp, stamp)
+    def publish(self, readings: Readings) -> None:
+        """Publish the time and the readings of a tick."""
+        self.wire.tell_time(readings.clock)
+        self.wire.sense(readings)
 
     def _begin(self, scan: Scan, odometry: Odometry) -> None:
         """Place the robot, warm the stack up, and give it the goal."""
@@ -224,7 +221,7 @@ class RemoteStack(Stack):
         self.pace.begin()
         for tick in range(self._warm_up):
             stamp = self._begins + round(tick / TICK_RATE * NANOSECONDS)
-            self.publish(scan, odometry, stamp, stamp)
+            self.publish(Readings(scan, odometry, stamp, stamp, stamp))
             self.pace.command(self.wire, stamp, True)
         self._begins += round(self._warm_up / TICK_RATE * NANOSECONDS)
         self.wire.send_goal(self._goal, self._begins)

@@ -38,6 +38,21 @@ class WireConfig:
     topics: Topics = field(default_factory=Topics)
 
 
+class Readings(NamedTuple):
+    """What the sensors say at a tick."""
+
+    scan: Scan | None
+    """A new scan; None if there is none at this time."""
+    odometry: Odometry | None
+    """The odometry; None if it is silent."""
+    scan_stamp: int
+    """When the scan was taken [ns]."""
+    odometry_stamp: int
+    """When the odometry was measured [ns]."""
+    clock: int
+    """The time now [ns]."""
+
+
 class Command(NamedTuple):
     """A velocity command that arrived."""
 
@@ -105,23 +120,19 @@ class RobotWire:
         """Publish the simulated time [ns]."""
         self._clock.publish(clock_message(stamp))
 
-    def sense(self, scan: Scan | None, odometry: Odometry, scan_stamp: int, stamp: int) -> None:
+    def sense(self, readings: Readings) -> None:
         """Publish what the sensors say.
 
         The scan comes last: whoever acts on it has the odometry of the same time.
-
-        Args:
-            scan: A new scan; None if there is none at this time.
-            odometry: The odometry.
-            scan_stamp: When the scan was taken [ns].
-            stamp: When the odometry was measured, now [ns].
         """
-        self._tf.publish(odometry_transform(odometry, stamp, self._frames))
-        self._imu.publish(imu_message(odometry, stamp, self._frames))
-        self._odom.publish(odometry_message(odometry, stamp, self._frames))
+        scan, odometry, stamp = readings.scan, readings.odometry, readings.odometry_stamp
+        if odometry is not None:
+            self._tf.publish(odometry_transform(odometry, stamp, self._frames))
+            self._imu.publish(imu_message(odometry, stamp, self._frames))
+            self._odom.publish(odometry_message(odometry, stamp, self._frames))
         if scan is not None:
             self.scan_sent = time.time_ns()
-            self._scan.publish(scan_message(scan, scan_stamp, self._body.lidar, self._frames))
+            self._scan.publish(scan_message(scan, readings.scan_stamp, self._body.lidar, self._frames))
 
     def place(self, start: Pose2, stamp: int) -> None:
         """Publish the robot's pose in the map, as a user gives it in RViz."""

@@ -106,7 +106,7 @@ def test_in_real_time_the_base_holds_a_command_and_stops_when_it_is_old(network,
     held = time.perf_counter() - began
     assert (first, given[-1], pace.stale) == (FORWARD, STOP, 1)
     assert 2 <= len(given) <= 8  # 0.2 s are 6 ticks; a machine that is busy makes them longer, and then fewer
-    assert held >= 0.2
+    assert held >= 0.2 - 1.0 / 30.0 - 0.005  # none is carried out that is older, to the end of its tick
     assert len(pace.latencies) == 1
 
 
