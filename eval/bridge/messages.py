@@ -1,14 +1,16 @@
-"""Readings of the simulator as ROS 2 messages, and commands and transforms back, each checked before it is believed."""
+"""Readings of the simulator as ROS 2 messages, and commands and transforms back, each checked before it is believed.
+
+``vuca_nav.deploy.messages`` is the other side: what the stack hears and says.
+"""
 
 import math
 from typing import Any
 
 import numpy as np
 
+from vuca_nav.deploy.messages import header_message, pose_message, time_message, twist_message
 from vuca_nav.deploy.robot_file import Frames
 from vuca_nav.deploy.transport.ros_types import message_type, new
-from vuca_nav.geometry import wrap_angle
-from vuca_nav.mapping.grid import OccupancyGrid
 from vuca_nav.types import LidarSpec, Odometry, Pose2, Scan, VelocityCommand
 from vuca_nav.wire import NANOSECONDS, quaternion_of, tilt_of, yaw_of
 
@@ -20,19 +22,14 @@ _UNIT = 1e-3
 """Greatest error of a quaternion's length."""
 
 
-def time_of(nanoseconds: int) -> Any:
-    """A stamp as builtin_interfaces/Time."""
-    return _TIME(sec=nanoseconds // NANOSECONDS, nanosec=nanoseconds % NANOSECONDS)
-
-
 def nanoseconds_of(stamp: Any) -> int:
-    """Time of a builtin_interfaces/Time [ns]."""
+    """Time of a builtin_interfaces/Time [ns], 0 for none."""
     return stamp.sec * NANOSECONDS + stamp.nanosec
 
 
 def clock_message(stamp: int) -> Any:
     """The simulated time as rosgraph_msgs/Clock."""
-    return _CLOCK(clock=time_of(stamp))
+    return _CLOCK(clock=time_message(stamp))
 
 
 def scan_message(scan: Scan, stamp: int, lidar: LidarSpec, frames: Frames) -> Any:
@@ -45,7 +42,7 @@ def scan_message(scan: Scan, stamp: int, lidar: LidarSpec, frames: Frames) -> An
         frames: Names of the frames.
     """
     return _SCAN(
-        header=header(stamp, frames.lidar),
+        header=header_message(stamp, frames.lidar),
         angle_min=lidar.angle_min,
         angle_max=lidar.angle_min + (lidar.num_beams - 1) * lidar.pitch,
         angle_increment=lidar.pitch,
@@ -66,9 +63,9 @@ def odometry_message(odometry: Odometry, stamp: int, frames: Frames) -> Any:
         stamp: When it was measured [ns].
         frames: Names of the frames.
     """
-    message = new("nav_msgs/msg/Odometry", header=header(stamp, frames.odom), child_frame_id=frames.base)
+    message = new("nav_msgs/msg/Odometry", header=header_message(stamp, frames.odom), child_frame_id=frames.base)
     message.pose.pose = _pose(odometry)
-    message.twist.twist = twist_message(odometry.twist)
+    message.twist.twist = twist_message(VelocityCommand(*odometry.twist))
     return message
 
 
@@ -80,7 +77,7 @@ def imu_message(odometry: Odometry, stamp: int, frames: Frames) -> Any:
         stamp: When they were measured [ns].
         frames: Names of the frames.
     """
-    message = new("sensor_msgs/msg/Imu", header=header(stamp, frames.base))
+    message = new("sensor_msgs/msg/Imu", header=header_message(stamp, frames.base))
     message.orientation = _pose(odometry).orientation
     message.angular_velocity.z = odometry.twist.w_z
     message.linear_acceleration_covariance[0] = -1.0
@@ -95,8 +92,7 @@ def odometry_transform(odometry: Odometry, stamp: int, frames: Frames) -> Any:
         stamp: When it was measured [ns].
         frames: Names of the frames.
     """
-    pose = _pose(odometry)
-    return _transform(header(stamp, frames.odom), frames.base, pose.position, pose.orientation)
+    return _transform(_pose(odometry), stamp, frames.odom, frames.base)
 
 
 def mount_transform(lidar: LidarSpec, height: float, stamp: int, frames: Frames) -> Any:
@@ -108,42 +104,16 @@ def mount_transform(lidar: LidarSpec, height: float, stamp: int, frames: Frames)
         stamp: The time [ns].
         frames: Names of the frames.
     """
-    place = _POINT(x=lidar.mount.x, y=lidar.mount.y, z=height)
-    return _transform(header(stamp, frames.base), frames.lidar, place, _quaternion(0.0, 0.0, lidar.mount.yaw))
-
-
-def pose_message(pose: Pose2, stamp: int, frames: Frames) -> Any:
-    """A pose in the map as geometry_msgs/PoseStamped."""
-    return new("geometry_msgs/msg/PoseStamped", header=header(stamp, frames.map), pose=_planar(pose))
+    pose = pose_message(lidar.mount)
+    pose.position.z = height
+    return _transform(pose, stamp, frames.base, frames.lidar)
 
 
 def initial_pose_message(pose: Pose2, stamp: int, frames: Frames) -> Any:
     """A robot's pose in the map, surely known, as geometry_msgs/PoseWithCovarianceStamped."""
-    message = new("geometry_msgs/msg/PoseWithCovarianceStamped", header=header(stamp, frames.map))
-    message.pose.pose = _planar(pose)
+    message = new("geometry_msgs/msg/PoseWithCovarianceStamped", header=header_message(stamp, frames.map))
+    message.pose.pose = pose_message(pose)
     return message
-
-
-def map_message(grid: OccupancyGrid, stamp: int, frames: Frames) -> Any:
-    """A map as nav_msgs/OccupancyGrid: 100 where something stands, 0 where nothing does, -1 where nobody knows.
-
-    Args:
-        grid: The map.
-        stamp: The time [ns].
-        frames: Names of the frames.
-    """
-    message = new("nav_msgs/msg/OccupancyGrid", header=header(stamp, frames.map))
-    rows, columns = grid.level.shape
-    message.info.resolution, message.info.width, message.info.height = grid.resolution, columns, rows
-    message.info.origin = _planar(Pose2(*grid.origin, 0.0))
-    message.data = np.where(grid.level > 0, 100, np.where(grid.level < 0, 0, -1)).astype(np.int8).ravel()
-    return message
-
-
-def twist_message(velocity: tuple[float, float, float]) -> Any:
-    """A planar velocity as geometry_msgs/Twist."""
-    v_x, v_y, w_z = velocity
-    return _TWIST(linear=_VECTOR(x=v_x, y=v_y, z=0.0), angular=_VECTOR(x=0.0, y=0.0, z=w_z))
 
 
 def command_of(twist: Any) -> VelocityCommand | None:
@@ -173,43 +143,22 @@ def transform_of(message: Any, parent: str, child: str) -> tuple[int, Pose2] | N
     return None
 
 
-def header(stamp: int, frame: str) -> Any:
-    """A std_msgs/Header.
-
-    Args:
-        stamp: The time [ns].
-        frame: The frame.
-    """
-    return _HEADER(stamp=time_of(stamp), frame_id=frame)
-
-
 def _pose(odometry: Odometry) -> Any:
+    """The body's pose in odom, with its tilt."""
     x, y, yaw = odometry.odom_from_base
-    return _POSE(position=_POINT(x=x, y=y, z=0.0), orientation=_quaternion(*tilt_of(odometry.up), yaw))
+    pose = pose_message(Pose2(x, y, 0.0))
+    turn = pose.orientation
+    turn.x, turn.y, turn.z, turn.w = quaternion_of(*tilt_of(odometry.up), yaw)
+    return pose
 
 
-def _planar(pose: Pose2) -> Any:
-    return _POSE(position=_POINT(x=pose.x, y=pose.y, z=0.0), orientation=_quaternion(0.0, 0.0, wrap_angle(pose.yaw)))
+def _transform(pose: Any, stamp: int, parent: str, child: str) -> Any:
+    stamped = new("geometry_msgs/msg/TransformStamped", header=header_message(stamp, parent), child_frame_id=child)
+    move, place = stamped.transform.translation, pose.position
+    move.x, move.y, move.z = place.x, place.y, place.z
+    stamped.transform.rotation = pose.orientation
+    return new("tf2_msgs/msg/TFMessage", transforms=[stamped])
 
 
-def _quaternion(roll: float, pitch: float, yaw: float) -> Any:
-    x, y, z, w = quaternion_of(roll, pitch, yaw)
-    return _QUATERNION(x=x, y=y, z=z, w=w)
-
-
-def _transform(header: Any, child: str, place: Any, turn: Any) -> Any:
-    transform = new("geometry_msgs/msg/TransformStamped", header=header, child_frame_id=child)
-    transform.transform.translation = _VECTOR(x=place.x, y=place.y, z=place.z)
-    transform.transform.rotation = turn
-    return new("tf2_msgs/msg/TFMessage", transforms=[transform])
-
-
-_TIME = message_type("builtin_interfaces/msg/Time")
 _CLOCK = message_type("rosgraph_msgs/msg/Clock")
-_HEADER = message_type("std_msgs/msg/Header")
 _SCAN = message_type("sensor_msgs/msg/LaserScan")
-_TWIST = message_type("geometry_msgs/msg/Twist")
-_VECTOR = message_type("geometry_msgs/msg/Vector3")
-_POINT = message_type("geometry_msgs/msg/Point")
-_POSE = message_type("geometry_msgs/msg/Pose")
-_QUATERNION = message_type("geometry_msgs/msg/Quaternion")

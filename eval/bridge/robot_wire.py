@@ -10,16 +10,15 @@ from eval.bridge.messages import (
     command_of,
     imu_message,
     initial_pose_message,
-    map_message,
     mount_transform,
     nanoseconds_of,
     odometry_message,
     odometry_transform,
-    pose_message,
     scan_message,
     transform_of,
 )
 from robots.bodies.body import Body
+from vuca_nav.deploy.messages import map_message, pose_stamped_message
 from vuca_nav.deploy.robot_file import Frames, Topics
 from vuca_nav.deploy.transport.interface import LATCHED, Publisher, Qos, Subscriber, Transport
 from vuca_nav.mapping.grid import OccupancyGrid
@@ -140,7 +139,7 @@ class RobotWire:
 
     def send_goal(self, goal: tuple[float, float], stamp: int) -> None:
         """Publish a goal in the map [m]."""
-        self._goal.publish(pose_message(Pose2(*goal, 0.0), stamp, self._frames))
+        self._goal.publish(pose_stamped_message(Pose2(*goal, 0.0), stamp, self._frames.map))
 
     def publish_map(self, grid: OccupancyGrid, stamp: int) -> None:
         """Publish the map, as a map server does."""

@@ -3,11 +3,10 @@
 import numpy as np
 
 from eval.bridge.messages import (
-    header,
     nanoseconds_of,
     odometry_transform,
-    twist_message,
 )
+from vuca_nav.deploy.messages import header_message, twist_message
 from vuca_nav.deploy.robot_file import Frames
 from vuca_nav.deploy.transport.interface import LATCHED, Qos
 from vuca_nav.deploy.transport.ros_types import new
@@ -77,7 +76,7 @@ class OtherSide:
         self.tf.publish(odometry_transform(Odometry(0.0, map_from_odom, Twist2(0.0, 0.0, 0.0)), stamp, frames))
 
     def send(self, command, stamp):
-        self.commands.publish(new(STAMPED, header=header(stamp, "base_link"), twist=twist_message(command)))
+        self.commands.publish(new(STAMPED, header=header_message(stamp, "base_link"), twist=twist_message(command)))
 
 
 def planar(pose):

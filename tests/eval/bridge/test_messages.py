@@ -9,20 +9,17 @@ from hypothesis import strategies as st
 from eval.bridge.messages import (
     command_of,
     imu_message,
-    map_message,
     mount_transform,
     nanoseconds_of,
     odometry_message,
     odometry_transform,
     scan_message,
-    time_of,
     transform_of,
-    twist_message,
 )
+from vuca_nav.deploy.messages import time_message, twist_message
 from vuca_nav.deploy.robot_file import Frames
 from vuca_nav.deploy.transport.ros_types import decode, encode
-from vuca_nav.mapping.grid import GridConfig, OccupancyGrid
-from vuca_nav.types import LidarSpec, Odometry, Pose2, Scan, Twist2
+from vuca_nav.types import LidarSpec, Odometry, Pose2, Scan, Twist2, VelocityCommand
 from vuca_nav.wire import round_odometry, round_scan, up_of, yaw_of
 
 FRAMES = Frames()
@@ -71,13 +68,13 @@ def test_a_scan_comes_back_to_the_bit_and_says_where_its_beams_are():
 
 @pytest.mark.parametrize("stamp", [0, 1, 999_999_999, 1_000_000_000, 2**31 * 1_000_000_000 - 1])
 def test_stamps_come_back(stamp):
-    assert nanoseconds_of(time_of(stamp)) == stamp
+    assert nanoseconds_of(time_message(stamp)) == stamp
 
 
 @settings(deadline=None)
 @given(command=st.tuples(FINITE, FINITE, FINITE))
 def test_a_command_comes_back_to_the_bit(command):
-    assert command_of(crossed(twist_message(command))) == command
+    assert command_of(crossed(twist_message(VelocityCommand(*command)))) == command
 
 
 @pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf, 1e4])
@@ -85,7 +82,7 @@ def test_a_command_comes_back_to_the_bit(command):
 def test_a_command_that_is_none_is_refused_whole(wrong, place):
     command = [0.1, 0.2, 0.3]
     command[place] = wrong
-    assert command_of(crossed(twist_message(Twist2(*command)))) is None
+    assert command_of(crossed(twist_message(VelocityCommand(*command)))) is None
 
 
 def test_the_lidars_mount_is_a_transform_of_base_link():
@@ -106,15 +103,3 @@ def test_a_transform_that_is_none_is_not_believed(field, value):
     part, name = field.split(".")
     setattr(getattr(message.transforms[0].transform, part), name, value)
     assert transform_of(message, "odom", "base_link") is None
-
-
-def test_a_map_is_published_as_map_server_does():
-    grid = OccupancyGrid(GridConfig())
-    cells = np.zeros((2, 3), np.int8)
-    cells[0, 1], cells[1, 2] = 1, -1
-    grid.fill(cells, (0.5, 1.0))
-    message = crossed(map_message(grid, 0, FRAMES))
-    i, j = grid.cell(0.525, 1.025)
-    rows = message.data.reshape(message.info.height, message.info.width)[i : i + 2, j : j + 3]
-    assert rows.tolist() == [[-1, 100, -1], [-1, -1, 0]]
-    assert (message.info.origin.position.x, message.info.origin.position.y) == tuple(grid.origin)
