@@ -12,7 +12,7 @@ from vuca_nav.deploy.messages import header_message, pose_message, time_message,
 from vuca_nav.deploy.robot_file import Frames
 from vuca_nav.deploy.transport.ros_types import message_type, new
 from vuca_nav.types import LidarSpec, Odometry, Pose2, Scan, VelocityCommand
-from vuca_nav.wire import NANOSECONDS, quaternion_of, tilt_of, yaw_of
+from vuca_nav.wire import NANOSECONDS, quaternion_of, tilt_of
 
 FASTEST = 1e3
 """Greatest velocity of a command that is believed [m/s, rad/s]: the body limits it, but a larger one is no command."""
@@ -139,7 +139,9 @@ def transform_of(message: Any, parent: str, child: str) -> tuple[int, Pose2] | N
         quaternion = turn.x, turn.y, turn.z, turn.w
         is_near = abs(place.x) <= FARTHEST and abs(place.y) <= FARTHEST
         if is_near and abs(math.hypot(*quaternion) - 1.0) <= _UNIT:
-            return nanoseconds_of(transform.header.stamp), Pose2(place.x, place.y, yaw_of(quaternion))
+            x, y, z, w = quaternion
+            yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+            return nanoseconds_of(transform.header.stamp), Pose2(place.x, place.y, yaw)
     return None
 
 

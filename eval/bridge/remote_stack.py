@@ -26,6 +26,8 @@ BETWEEN_MISSIONS = NANOSECONDS
 """Time by which the clock goes on from the end of a mission to the beginning of the next [ns]."""
 TICK_RATE = 30.0
 """Rate of the simulation's ticks [Hz]."""
+_POSE_PATIENCE = 1.0
+"""Time for which a stack's estimate is waited for in lockstep after its command [s]."""
 _KEPT_LATENCIES = 100_000
 """Number of the last latencies that are kept: an hour's."""
 
@@ -77,9 +79,11 @@ class Lockstep(Pace):
 
     def __init__(self, timeout: float):
         self._timeout = timeout
+        self._tells_pose = True
 
     def begin(self) -> None:
-        """Nothing is remembered."""
+        """Take the stack to tell its estimate at every tick, as long as it does."""
+        self._tells_pose = True
 
     def command(self, wire: RobotWire, stamp: int, is_new_scan: bool) -> VelocityCommand:
         """The command of this stamp.
@@ -93,6 +97,7 @@ class Lockstep(Pace):
             for command in wire.take():
                 last = command.stamp
                 if command.stamp == stamp:
+                    self._wait_for_pose(wire, stamp)
                     return command.velocity
             left = deadline - time.monotonic()
             if left <= 0.0:
@@ -103,6 +108,17 @@ class Lockstep(Pace):
                     "vuca deploy --lockstep does"
                 )
             wire.wait(left)
+
+
+    def _wait_for_pose(self, wire: RobotWire, stamp: int) -> None:
+        """Wait for the transform of map to odom of this stamp, which the stack may publish after its command."""
+        deadline = time.monotonic() + _POSE_PATIENCE
+        while self._tells_pose and (wire.map_from_odom is None or wire.map_from_odom[0] != stamp):
+            left = deadline - time.monotonic()
+            self._tells_pose = left > 0.0
+            if self._tells_pose:
+                wire.wait(left)
+                wire.take()
 
 
 class RealTime(Pace):
