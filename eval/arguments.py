@@ -34,7 +34,8 @@ class SceneArguments(DialArguments):
     """The place and the task of an episode."""
 
     world: str = "factory"
-    """A world's name (see vuca list worlds), or a scene file ending in .yaml."""
+    """A world's name (see vuca list worlds), a scene file ending in .yaml, or a file of your own as map:FILE,
+    barn:FILE, dynabarn:FILE or tracks:FILE (docs/your-own-map.md, docs/your-own-crowd.md)."""
     region: Annotated[int | None, _optional("K")] = None
     """Number of quarters of the factory, 1 to 4."""
     seed: int = 0
@@ -45,6 +46,15 @@ class SceneArguments(DialArguments):
     """Start here instead [m, m, rad]."""
     goal: Annotated[tuple[float, float] | None, _optional("X Y")] = None
     """Go there instead [m]."""
+    tolerance: Annotated[float | None, _optional("M")] = None
+    """Distance from the goal within which it counts as reached [m]; if left out, the world's own, or 0.3."""
+    time_limit: Annotated[float | None, _optional("S")] = None
+    """Time limit [s]; if left out, the world's own, or one by the length of the shortest way."""
+    obstacles: Annotated[str | None, _optional("tracks:FILE")] = None
+    """Recorded people who walk in it besides, as they walked (docs/your-own-crowd.md)."""
+    unknown: Annotated[Literal["solid", "free", "unknown"] | None, _optional("solid|free|unknown")] = None
+    """What a map's unknown cells are: walls, as if left out; free floor; or free floor that is unknown to a robot
+    with a map."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +73,7 @@ class OptionArguments:
     """What is changed of a method."""
 
     trust: bool = False
-    """Run the Python of a method of your own, module:build."""
+    """Run the Python of a method of your own, module:build, and of motions of your own in a scene file."""
     policy: Annotated[Path | None, _optional("FILE.safetensors")] = None
     """Drive by these weights instead of the method's own, as vuca train makes them."""
     gate: Annotated[str | None, _optional("uniform")] = None
@@ -214,7 +224,7 @@ class ExplainArguments:
     out: Annotated[Path | None, _optional("DIR")] = None
     """Directory of the recording and the picture, or of all moments; by default "explained" beside the rows."""
     trust: bool = False
-    """Run the Python that the row names, if its method is module:build."""
+    """Run the Python that the row names, if its method is module:build, and that of motions in its scene file."""
     json: bool = False
     """End with one JSON object on stdout: the row, t_inevitable, and the files written."""
 

@@ -180,13 +180,13 @@ def explain(argv: list[str]) -> int:
         for method in {row["method"] for row in rows}:
             _check_trust(method, arguments)
         command = shlex.join(["vuca", "explain", *argv])
-        moments, crashes = find_moments(rows, out / FILE, command)
+        moments, crashes = find_moments(rows, out / FILE, command, trust=arguments.trust)
         show("\n".join(markdown(moments_table(moments))))
         _print_json({"moments": moments}, arguments.json)
         return 1 if crashes else 0
     row = find_row(arguments.source, arguments.seed, arguments.filters())
     _check_trust(row["method"], arguments)
-    explained = explain_row(row, out)
+    explained = explain_row(row, out, trust=arguments.trust)
     show(explained.text)
     _print_json(explained.row, arguments.json)
     return 0
@@ -242,7 +242,8 @@ def _episode(arguments: EpisodeArguments, default: str) -> EpisodeConfig:
 
     scene = {field.name: getattr(arguments, field.name) for field in fields(SceneArguments)}
     method = _method(arguments, default)
-    return EpisodeConfig(**scene, robot=arguments.robot, method=method, options=options_of(arguments))
+    options = options_of(arguments)
+    return EpisodeConfig(**scene, robot=arguments.robot, method=method, options=options, trust=arguments.trust)
 
 
 def _method(arguments: DriverArguments, default: str) -> str:

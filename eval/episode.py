@@ -23,16 +23,19 @@ from robots.simulation import Simulation
 from vuca_nav.errors import BadArgument
 from vuca_nav.geometry import distance, wrap_angle
 from vuca_nav.stack import Stack
-from vuca_nav.task import GOAL_TOLERANCE, time_limit
+from vuca_nav.task import time_limit
 from vuca_nav.telemetry.interface import Telemetry
-from vuca_nav.types import Odometry, Pose2, Scan
+from vuca_nav.types import Odometry, Scan
 from vuca_nav.wire import round_pose
 from worlds.checks import check_task
+from worlds.importers.sources import Bringing
 from worlds.registry import make_world, ordered_difficulties
 from worlds.world import World
 
 Outcome = Literal["success", "collision", "fall", "timeout"]
 OUTCOMES: tuple[Outcome, ...] = ("success", "collision", "fall", "timeout")
+MOVED = 0.1
+"""Distance from the start from which on the robot has moved [m], as in BARN."""
 Progress = Callable[[float, float], None]
 """Called with the simulated time [s] and the true distance to the goal [m] after every step."""
 
@@ -42,7 +45,7 @@ class EpisodeConfig:
     """Everything an episode depends on."""
 
     world: str = "factory"
-    """A world's name, or a scene file ending in .yaml."""
+    """A world's name, a scene file ending in .yaml, or a file of another kind as ``map:FILE``."""
     region: int | None = None
     """Number of quarters of the factory."""
     robot: str = "tiago"
@@ -63,6 +66,16 @@ class EpisodeConfig:
     """Start instead of the world's own: x [m], y [m], yaw [rad]."""
     goal: tuple[float, float] | None = None
     """Goal instead of the world's own [m]."""
+    tolerance: float | None = None
+    """Distance from the goal within which it counts as reached, instead of the world's own [m]."""
+    time_limit: float | None = None
+    """Time limit instead of the world's own [s]."""
+    obstacles: str | None = None
+    """``tracks:FILE``: recorded people in the world besides."""
+    unknown: str | None = None
+    """What a map's unknown cells are: solid (None as well), free or unknown."""
+    trust: bool = False
+    """Whether motions of the user's own, in a scene file, may be run. No row says so."""
     options: MethodOptions = UNCHANGED
     """Changes to the method."""
 
@@ -71,16 +84,27 @@ class EpisodeConfig:
         if self.seed < 0:
             raise BadArgument(f"the seed must be 0 or more, got {self.seed}")
         dials = (self.speed, 0.0 if self.sighted is None else self.sighted)
-        for name, numbers in (("start", self.start), ("goal", self.goal), ("speed", dials[:1]), ("sighted", dials[1:])):
+        for name, numbers in (
+            ("start", self.start),
+            ("goal", self.goal),
+            ("speed", dials[:1]),
+            ("sighted", dials[1:]),
+            ("tolerance", (self.tolerance or 0.0,)),
+            ("time-limit", (self.time_limit or 0.0,)),
+        ):
             for number in numbers or ():
                 if not math.isfinite(number):
                     raise BadArgument(f"--{name}: {number} is not a finite number")
+        for name, number, most in (("tolerance", self.tolerance, 100.0), ("time-limit", self.time_limit, 1e5)):
+            if number is not None and not 0.0 < number <= most:
+                raise BadArgument(f"--{name} {number:g}: a number above 0, up to {most:g}, would be right")
         object.__setattr__(self, "without", ordered_difficulties(self.without))
 
     def row(self) -> dict[str, Any]:
         """The configuration as JSON holds it, flat: tuples are lists, and the options stand beside the rest."""
         own = asdict(self)
         own |= own.pop("options")
+        del own["trust"]
         return {key: list(v) if isinstance(v, tuple) else v for key, v in own.items()}
 
 
@@ -108,6 +132,12 @@ class EpisodeResult:
     """Why the mission did not arrive without a contact; None if it arrived or touched something."""
     monitor_ticks: dict[str, int] | None
     """Number of ticks by what the safety layer did, or which faults it saw; None without ``--monitor``."""
+    judged_tolerance: float
+    """Distance from the goal within which it counted as reached [m]."""
+    judged_time_limit: float
+    """Time limit of the mission [s]."""
+    moved_after: float | None
+    """Simulated time at which the robot had moved 0.1 m; None if it never did [s]."""
     way: str | None
     """The first of the world's ways to the goal that the robot entered; None if the world names none, or it did not."""
     arithmetic: str
@@ -148,7 +178,8 @@ class Episode:
         self.body = make_body(config.robot)
         self.world = _make_task(config, self.body)
         self.shortest_path = check_task(self.world, self.body.spec.radius, height=self.body.height)
-        self.timeout = time_limit(self.shortest_path, self.body.spec.max_v_x)
+        self.timeout = self.world.time_limit or time_limit(self.shortest_path, self.body.spec.max_v_x)
+        self._moved_after: float | None = None
         self._set_up_time = time.perf_counter() - began
 
     def simulation(self, telemetry: Telemetry) -> Simulation:
@@ -177,6 +208,7 @@ class Episode:
         """Both sides ready for the first step, and the robot's first readings."""
         simulation, navigator = self.build(telemetry)
         scan, odometry = simulation.reset()
+        navigator.tolerance, self._moved_after = self.world.tolerance, None
         prior_map = rasterise(self.world, self.body.height) if "U" in self.config.without else None
         navigator.reset(self.world.start, self.world.goal, prior_map)
         return simulation, navigator, scan, odometry
@@ -190,9 +222,11 @@ class Episode:
         """
         began = time.perf_counter()
         telemetry = telemetry or Telemetry()
+        telemetry.goal_tolerance = self.world.tolerance
         goal = self.world.goal
         simulation, navigator, scan, odometry = self.begin(telemetry)
-        recorder, trail = MetricsRecorder(self.world.start, goal, self.shortest_path), Trail()
+        recorder = MetricsRecorder(self.world.start, goal, self.shortest_path, self.world.tolerance)
+        trail = Trail()
         set_up_time = self._set_up_time + time.perf_counter() - began
 
         began = time.perf_counter()
@@ -231,6 +265,9 @@ class Episode:
             contact=None if facts is None else classify_contact(facts),
             failure=self._why(outcome, simulation, trail, metrics),
             monitor_ticks=dict(navigator.actions) if isinstance(navigator, Monitored) else None,
+            judged_tolerance=self.world.tolerance,
+            judged_time_limit=self.timeout,
+            moved_after=self._moved_after,
             way=way,
             arithmetic=fingerprint(),
             metrics=metrics,
@@ -256,14 +293,20 @@ class Episode:
         )
 
     def judge(self, simulation: Simulation) -> Outcome | None:
-        """Outcome of the episode, None while it goes on. A contact in the last step still counts."""
+        """Outcome of the episode, None while it goes on. A contact in the last step still counts.
+
+        It has to be asked after every step: a time limit may count from the robot's first motion.
+        """
+        if self._moved_after is None and distance(simulation.true_pose, self.world.start) >= MOVED:
+            self._moved_after = simulation.time
         if simulation.contact is not None:
             return "collision"
         if simulation.fallen:
             return "fall"
-        if distance(simulation.true_pose, self.world.goal) <= GOAL_TOLERANCE:
+        if distance(simulation.true_pose, self.world.goal) <= self.world.tolerance:
             return "success"
-        return "timeout" if simulation.time >= self.timeout else None
+        began = (self._moved_after or 0.0) if self.world.starts_on_motion else 0.0
+        return "timeout" if simulation.time - began >= self.timeout else None
 
 
 def run_episode(config: EpisodeConfig, telemetry: Telemetry | None = None) -> EpisodeResult:
@@ -273,6 +316,19 @@ def run_episode(config: EpisodeConfig, telemetry: Telemetry | None = None) -> Ep
         VucaError: The configuration cannot be used.
     """
     return Episode(config).run(telemetry)
+
+
+def bringing_of(config: EpisodeConfig) -> Bringing:
+    """How the world of an episode is brought in."""
+    return Bringing(
+        config.start,
+        config.goal,
+        config.tolerance,
+        config.time_limit,
+        config.unknown or "solid",
+        config.obstacles,
+        trust=config.trust,
+    )
 
 
 def _make_task(config: EpisodeConfig, body: Body) -> World:
@@ -287,11 +343,8 @@ def _make_task(config: EpisodeConfig, body: Body) -> World:
         without=config.without,
         footprint_radius=body.spec.radius,
         height=body.height,
+        bringing=bringing_of(config),
     )
-    if config.start is not None:
-        world = replace(world, start=Pose2(*config.start))
-    if config.goal is not None:
-        world = replace(world, goal=config.goal)
     start = world.start
     if abs(start.yaw) > math.pi:
         start = start._replace(yaw=wrap_angle(start.yaw))

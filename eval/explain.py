@@ -88,12 +88,13 @@ def find_row(source: Path, seed: int | None, filters: dict[str, Any]) -> Row:
     return row
 
 
-def explain_row(row: Row, out: Path) -> Explained:
+def explain_row(row: Row, out: Path, *, trust: bool = False) -> Explained:
     """Run the episode of a row again, and say why it failed.
 
     Args:
         row: A row of an episode that failed.
         out: Directory of the recording and the picture.
+        trust: Whether motions of the user's own, in its scene file, may be run.
 
     Raises:
         VucaError: The episode cannot be run, or a file cannot be written.
@@ -101,7 +102,7 @@ def explain_row(row: Row, out: Path) -> Explained:
     from eval.analysis.picture import draw
     from vuca_nav.telemetry.rerun.recorder import RerunTelemetry
 
-    config = config_of(row)
+    config = config_of(row, trust=trust)
     prepare_directory(out)
     recording = out / file_name(row)
     picture = recording.with_suffix(".png")

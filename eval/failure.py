@@ -6,6 +6,7 @@ from typing import Any, Literal
 import numpy as np
 
 from robots.bodies.body import Body
+from vuca_nav.task import GOAL_TOLERANCE
 from vuca_nav.types import Pose2
 from worlds.reachability import reachable
 from worlds.world import World
@@ -97,7 +98,10 @@ def is_out_of_reach(world: World, body: Body, time_limit: float) -> bool:
     across = edges[:, 0] * body.spec.footprint[:, 1] - edges[:, 1] * body.spec.footprint[:, 0]
     inscribed = float(np.min(np.abs(across) / np.hypot(edges[:, 0], edges[:, 1])))
     radius = max(inscribed - RESOLUTION * 0.5**0.5, 0.05)
-    return not reachable(world, radius, LONGEST_DETOUR * body.spec.max_v_x, time_limit, RESOLUTION).reached
+    speed = LONGEST_DETOUR * body.spec.max_v_x
+    # The disc goes all the way to the goal, a mission of a wider tolerance not.
+    time_limit += (world.tolerance - GOAL_TOLERANCE) / speed
+    return not reachable(world, radius, speed, time_limit, RESOLUTION).reached
 
 
 def classify_failure(

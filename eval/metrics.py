@@ -11,7 +11,9 @@ TIMING_FIELDS = ("real_time_factor", "wall_time", "set_up_time")
 """The fields of a result that depend on the computer: all others are the same bits for the same seed."""
 
 
-def success_weighted_path_length(success: bool, shortest: float, path_length: float) -> float:
+def success_weighted_path_length(
+    success: bool, shortest: float, path_length: float, tolerance: float = GOAL_TOLERANCE
+) -> float:
     """SPL of one episode (Anderson et al. 2018, "On Evaluation of Embodied Navigation Agents").
 
     A start within the tolerance of its goal asks for no way at all: then any success is 1.
@@ -20,10 +22,11 @@ def success_weighted_path_length(success: bool, shortest: float, path_length: fl
         success: Whether the goal was reached.
         shortest: Length of the shortest way from start to goal [m].
         path_length: Length of the way taken [m].
+        tolerance: Distance from the goal within which it counts as reached [m].
     """
     if not success:
         return 0.0
-    return 1.0 if shortest <= GOAL_TOLERANCE else shortest / max(shortest, path_length)
+    return 1.0 if shortest <= tolerance else shortest / max(shortest, path_length)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,12 +65,13 @@ class MetricsRecorder:
         start: Pose at the start, which is given to the stack.
         goal: The goal [m].
         shortest: Length of the shortest way [m].
+        tolerance: Distance from the goal within which it counts as reached [m].
     """
 
-    def __init__(self, start: Pose2, goal: tuple[float, float], shortest: float):
+    def __init__(self, start: Pose2, goal: tuple[float, float], shortest: float, tolerance: float = GOAL_TOLERANCE):
         self._start = start
         self._goal = goal
-        self._shortest = shortest
+        self._shortest, self._tolerance = shortest, tolerance
         self._last = start
         self._steps = 0
         self._path_length = 0.0
@@ -115,7 +119,7 @@ class MetricsRecorder:
         return Metrics(
             steps=n,
             path_length=path_length,
-            spl=success_weighted_path_length(success, self._shortest, path_length),
+            spl=success_weighted_path_length(success, self._shortest, path_length, self._tolerance),
             arsps=self._risk / n,
             ansps=(at_start - at_end) / (at_start * n) if at_start > 0.0 else 0.0,
             min_clearance=min(self._min_clearance, clearance),

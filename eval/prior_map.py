@@ -10,6 +10,8 @@ from worlds.world import TALLEST, World
 def rasterise(world: World, height: float = TALLEST) -> OccupancyGrid:
     """Occupied cells wherever an obstacle stands within half a cell of the centre, free cells elsewhere.
 
+    Cells that the world's own map leaves unknown are unknown here, too, unless an obstacle stands there.
+
     The map's frame is the world's, since the stack is given its true start. Outside the bounds all is unknown.
 
     Args:
@@ -19,6 +21,11 @@ def rasterise(world: World, height: float = TALLEST) -> OccupancyGrid:
     x_min, y_min, x_max, y_max = world.bounds
     grid = OccupancyGrid(GridConfig(), (0.5 * (x_min + x_max), 0.5 * (y_min + y_max)))
     clearance = clearance_field(world.below(height), world.bounds, grid.resolution, grid.resolution, world.open_borders)
-    occupied = clearance.distance <= 0.5 * grid.resolution
-    grid.fill(np.where(occupied, 1, -1).astype(np.int8), clearance.origin)
+    level = np.where(clearance.distance <= 0.5 * grid.resolution, 1, -1).astype(np.int8)
+    if world.grid is not None and world.grid.unknown:
+        rows, columns = np.indices(level.shape)
+        xs = clearance.origin[0] + (columns + 0.5) * grid.resolution
+        ys = clearance.origin[1] + (rows + 0.5) * grid.resolution
+        level[(level < 0) & world.grid.is_in(world.grid.unknown, xs, ys)] = 0
+    grid.fill(level, clearance.origin)
     return grid

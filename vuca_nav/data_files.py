@@ -10,6 +10,7 @@ import os
 import stat
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 from vuca_nav.errors import VucaError
 
@@ -104,6 +105,28 @@ def parse_json(text: str, source: str, wrong: type[VucaError]) -> Any:
         raise wrong(f"{source}: not JSON that can be read: nested too deeply") from None
     except ValueError as error:
         raise wrong(f"{source}: not JSON: {error}") from None
+
+
+def read_xml(path: str | Path, wrong: type[VucaError]) -> ElementTree.Element:
+    """Read an XML file that declares no document type, so that no entity expands or names another file.
+
+    Args:
+        path: Path of the file.
+        wrong: Class of the errors.
+
+    Returns:
+        The root element.
+
+    Raises:
+        VucaError: As by ``read_text``, and if the text is not XML, or declares a document type.
+    """
+    text = read_text(path, wrong)
+    if "<!DOCTYPE" in text:  # the one place where XML declares entities
+        raise wrong(f"{path} declares a document type; a description without one would be right")
+    try:
+        return ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError, RecursionError) as error:
+        raise wrong(f"{path} is not XML: {error}") from error
 
 
 def shown(value: object, most: int = 60) -> str:

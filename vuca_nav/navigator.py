@@ -258,9 +258,8 @@ class Navigator(Stack):
         config = self.config
         if self.goal is None:
             return None
-        self.arrived = distance(map_from_base, self.goal) < (
-            config.goal_slack if self.arrived else config.goal_tolerance
-        )
+        stop = config.goal_slack if self.arrived else config.goal_tolerance
+        self.arrived = distance(map_from_base, self.goal) < self.stops_within(stop)
         if self.arrived or not len(self.plan.path_in_map) or not percept.is_valid:
             return None
         waypoint = self.plan.waypoint_in_map

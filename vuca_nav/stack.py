@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 
 from vuca_nav.mapping.grid import OccupancyGrid
+from vuca_nav.task import GOAL_TOLERANCE
 from vuca_nav.types import Odometry, Pose2, Scan, VelocityCommand
 
 
@@ -11,6 +12,17 @@ class Stack(ABC):
 
     map_from_base: Pose2
     """Its estimate of the robot's pose."""
+    tolerance: float = GOAL_TOLERANCE
+    """Distance from the goal within which the mission counts it as reached [m]; set before ``reset``."""
+
+    def stops_within(self, configured: float) -> float:
+        """Estimated distance from the goal at which to stop [m].
+
+        Args:
+            configured: The same for a mission of ``GOAL_TOLERANCE``: what is left of that for SLAM's error is left of
+                any tolerance, but at most half of it.
+        """
+        return max(configured + (self.tolerance - GOAL_TOLERANCE), min(configured, 0.5 * self.tolerance))
 
     @abstractmethod
     def reset(self, start: Pose2, goal: tuple[float, float], prior_map: OccupancyGrid | None = None) -> None:

@@ -8,7 +8,8 @@ import numpy as np
 
 from vuca_nav.errors import BadArgument, UnknownName
 from worlds.checks import check_task
-from worlds.importers.scene_file import load_scene
+from worlds.importers.sources import AS_IT_IS, Bringing, is_brought, load_world, with_people, with_task
+from worlds.motion.phases import drawn
 from worlds.scenes import building, crossing, double_branch, factory, square, training
 from worlds.scenes.parts.generation import stream
 from worlds.world import MAX_MOVER_SPEED, TALLEST, Keyframes, Mover, World, at_speed
@@ -22,7 +23,6 @@ DIFFICULTIES = {
 """Difficulties that ``without`` switches off, in their order; V and C are the world's, U and A the robot's."""
 TRAINING_SEED = 1_000_000
 """Policies are trained in worlds of this seed and those above it, and tested in worlds of seeds below."""
-SCENE_SUFFIXES = (".yaml", ".yml")
 FASTEST_FACTOR = 2.5
 """Greatest factor on the movers' speeds: the square's fastest then moves at ``MAX_MOVER_SPEED``."""
 CORRIDOR_KINDS = ("wall", "block", "shelf")
@@ -100,12 +100,15 @@ def make_world(
     without: str = "",
     footprint_radius: float = 0.35,
     height: float = TALLEST,
+    bringing: Bringing = AS_IT_IS,
 ) -> World:
-    """Make a world by name, or from a scene file.
+    """Make a world by name, or bring one in from a file.
 
     Args:
-        name: One of ``WORLDS``, or a path that ends in .yaml or .yml.
-        seed: Non-negative; the same seed gives the same world. In a scene file it only draws which movers are sighted.
+        name: One of ``WORLDS``, a path that ends in .yaml or .yml, or a path with ``map:``, ``barn:``, ``dynabarn:`` or
+            ``tracks:`` before it.
+        seed: Non-negative; the same seed gives the same world. Of a file it only draws which movers are sighted, and
+            phases that the file leaves open.
         region: Region of the factory, 1 to 4.
         movers: Number of moving obstacles, where things move; of a scene file's, the first ones.
         speed: Factor on the speeds of the moving obstacles.
@@ -115,11 +118,12 @@ def make_world(
             are gone, but for the outer ones. U and A are for the robot and change nothing here.
         footprint_radius: Radius of the circle about the footprint that must be able to reach the goal [m].
         height: Height of the body [m]; what hangs above it in a scene file is not in its way.
+        bringing: How a file is brought in, and what is changed of any world: its task, people in it.
 
     Raises:
         UnknownName: No such world.
         BadArgument: An option out of its range, or one that this world does not take.
-        BadWorld: A broken scene file, or no solvable layout for this body.
+        BadWorld: A broken file, or no solvable layout for this body.
     """
     without = ordered_difficulties(without)
     if seed < 0:
@@ -127,20 +131,28 @@ def make_world(
     if not 0.0 < footprint_radius < 5.0:
         raise BadArgument(f"footprint radius {footprint_radius:g} m: one between 0 and 5 m would be right")
     check_options(name, region=region, movers=movers, speed=speed, sighted=sighted, without=without)
-    is_scene = name.endswith(SCENE_SUFFIXES)
-    if is_scene:
-        world = _first_movers(load_scene(name), movers, name)
+    is_from_file = is_brought(name)
+    if is_from_file:
+        world = _first_movers(load_world(name, bringing), movers, name)
     else:
         kind, given = WORLDS[name], {"region": region, "movers": movers}
         chosen = {option: o.default for option, o in kind.options.items() if isinstance(o.default, int)}
         chosen |= {option: value for option, value in given.items() if value is not None}
         world = kind.generate(seed=seed, footprint_radius=footprint_radius, **chosen)
     if "V" in without:
+        if bringing.obstacles is not None:
+            raise BadArgument(
+                "--obstacles does not go with --without V, which leaves all moving obstacles out; give one"
+            )
         world = replace(world, movers=())
     if "C" in without:
-        world = replace(world, obstacles=tuple(o for o in world.obstacles if o.outer or o.kind not in CORRIDOR_KINDS))
+        world = replace(
+            world, obstacles=tuple(o for o in world.obstacles if o.outer or o.kind not in CORRIDOR_KINDS), grid=None
+        )
     world = replace(world, movers=_turned(world.movers, speed, sighted, seed, name))
-    if is_scene:
+    world = with_task(with_people(world, bringing), bringing)
+    if is_from_file:
+        world = drawn(world, seed)
         check_task(world, footprint_radius, name, height)
     return world
 
@@ -171,7 +183,7 @@ def check_options(
         raise BadArgument(f"--speed {speed:g}: a factor of 0 to {FASTEST_FACTOR:g} would be right")
     if sighted is not None and not 0.0 <= sighted <= 1.0:
         raise BadArgument(f"--sighted {sighted:g}: a share of 0 to 1 would be right")
-    if world.endswith(SCENE_SUFFIXES):
+    if is_brought(world):
         if region is not None:
             raise BadArgument(f"--region: {world} does not take it (only {_takers('region')})")
         if movers is not None and movers < 0:

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vuca_nav.types import FloatArray
+
 Rectangle = tuple[int, int, int, int]
 """Column and row of the lower-left cell, number of columns and of rows."""
 
@@ -52,6 +54,17 @@ class WallGrid:
         for column, row, columns, rows in rectangles:
             mask[row : row + rows, column : column + columns] = True
         return mask
+
+    def is_in(self, rectangles: tuple[Rectangle, ...], xs: FloatArray, ys: FloatArray) -> NDArray[np.bool_]:
+        """Whether points of the world [m] lie in some of the rectangles; all arrays have one shape."""
+        x0, y0, yaw = self.origin
+        c, s = math.cos(yaw), math.sin(yaw)
+        columns = np.floor((c * (xs - x0) + s * (ys - y0)) / self.resolution).astype(int)
+        rows = np.floor((c * (ys - y0) - s * (xs - x0)) / self.resolution).astype(int)
+        within = (columns >= 0) & (rows >= 0) & (columns < self.size[0]) & (rows < self.size[1])
+        found = np.zeros(within.shape, np.bool_)
+        found[within] = self.cells(rectangles)[rows[within], columns[within]]
+        return found
 
 
 def rectangles_of(mask: NDArray[np.bool_]) -> tuple[Rectangle, ...]:

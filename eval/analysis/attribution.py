@@ -79,14 +79,21 @@ class Explanation:
         }
 
 
-def config_of(row: Row) -> EpisodeConfig:
-    """The configuration of the episode that a row is of."""
+def config_of(row: Row, *, trust: bool = False) -> EpisodeConfig:
+    """The configuration of the episode that a row is of.
+
+    Args:
+        row: The row.
+        trust: Whether motions of the user's own, in its scene file, may be run: no row may say so.
+    """
     options = {field.name: row[field.name] for field in fields(MethodOptions) if field.name in row}
     own = {
-        field.name: row[field.name] for field in fields(EpisodeConfig) if field.name in row and field.name != "options"
+        field.name: row[field.name]
+        for field in fields(EpisodeConfig)
+        if field.name in row and field.name not in ("options", "trust")
     }
     given: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in own.items()}
-    return EpisodeConfig(**given, options=MethodOptions(**options))
+    return EpisodeConfig(**given, options=MethodOptions(**options), trust=trust)
 
 
 class TracedEpisode(Episode):

@@ -109,7 +109,6 @@ class Lockstep(Pace):
                 )
             wire.wait(left)
 
-
     def _wait_for_pose(self, wire: RobotWire, stamp: int) -> None:
         """Wait for the transform of map to odom of this stamp, which the stack may publish after its command."""
         deadline = time.monotonic() + _POSE_PATIENCE

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from vuca_nav.data_files import read_text
+from vuca_nav.data_files import read_xml
 from vuca_nav.errors import VucaError
 from vuca_nav.types import FloatArray
 
@@ -156,13 +156,7 @@ def read_urdf(path: Path) -> Urdf:
         BadUrdf: If the file cannot be read, is not XML, declares a document type, or a link or a number is missing or
             broken; says which.
     """
-    text = read_text(path, BadUrdf)
-    if "<!DOCTYPE" in text:  # the one place where XML declares entities, which expand or refer to other files
-        raise BadUrdf(f"{path} declares a document type; a description without one would be right")
-    try:
-        robot = ElementTree.fromstring(text)
-    except (ElementTree.ParseError, ValueError, RecursionError) as error:
-        raise BadUrdf(f"{path} is not XML: {error}") from error
+    robot = read_xml(path, BadUrdf)
     if robot.tag != "robot":
         raise BadUrdf(f"{path}: the root element is <{robot.tag}>, expected <robot>")
     palette = {

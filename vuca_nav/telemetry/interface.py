@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vuca_nav.mapping.grid import OccupancyGrid
+from vuca_nav.task import GOAL_TOLERANCE
 from vuca_nav.types import FloatArray, Pose2, Scan, VelocityCommand
 
 
@@ -64,6 +65,9 @@ class FrontierView:
 
 class Telemetry:
     """Telemetry that ignores everything."""
+
+    goal_tolerance: float = GOAL_TOLERANCE
+    """Distance from the goal within which the mission counts it as reached [m]; set before the mission begins."""
 
     # -- the simulation's side: the true state -------------------------------------------------------
 

@@ -15,13 +15,16 @@ _COURSE = ("outcome", "duration", "path_length")
 """Fields that are the same in two runs of an episode that repeats."""
 
 
-def find_moments(rows: Sequence[Row], path: Path, command: str = "") -> tuple[list[Row], list[Crash]]:
+def find_moments(
+    rows: Sequence[Row], path: Path, command: str = "", *, trust: bool = False
+) -> tuple[list[Row], list[Crash]]:
     """Find the last avoidable moment of every collision; begun again, it goes on where it was.
 
     Args:
         rows: Rows of episodes, of which those that ended in a collision are run again.
         path: The file of measurements, which gets a line for each.
         command: The command as typed.
+        trust: Whether motions of the user's own, in scene files, may be run.
 
     Returns:
         Of each collision the fields that name the episode, ``outcome``, ``duration``, ``path_length``, ``contact``,
@@ -37,7 +40,7 @@ def find_moments(rows: Sequence[Row], path: Path, command: str = "") -> tuple[li
         before = collisions[key_of(now)]
         return {**now, "is_repeated": all(now[name] == before.get(name) for name in _COURSE)}
 
-    configs = [config_of(row) for row in collisions.values()]
+    configs = [config_of(row, trust=trust) for row in collisions.values()]
     return measure(path, KIND, configs, moment_of, command=command, finish=compared) if configs else ([], [])
 
 

@@ -169,7 +169,8 @@ class MoveBase(Stack):
     def _local_goal(self, percept: Percept) -> LocalGoal | None:
         """The waypoint as the dynamic window sees it; None if the body has to stand."""
         pose, loop = self.map_from_base, self._loop
-        self.arrived = distance(pose, self.goal) < (loop.goal_slack if self.arrived else loop.goal_tolerance)
+        stop = loop.goal_slack if self.arrived else loop.goal_tolerance
+        self.arrived = distance(pose, self.goal) < self.stops_within(stop)
         if self.arrived or not len(self.plan.path_in_map) or not percept.is_valid:
             return None
         ((x, y),) = transform_points(inverse(pose), np.array([self.plan.waypoint_in_map])).tolist()

@@ -103,7 +103,8 @@ class Oracle(Stack):
         """Time that the way to the goal can take at most [s]."""
         start = self.map_from_base
         shortest = self._search.length_to_goal(start.x, start.y)
-        return time_limit(shortest if math.isfinite(shortest) else 0.0, self.body.max_v_x)
+        limit = time_limit(shortest if math.isfinite(shortest) else 0.0, self.body.max_v_x)
+        return max(limit, self.truth.world.time_limit or 0.0)
 
     def _state_at(self, time: float) -> np.ndarray:
         """State (5,) of the path at a time after the search; at its end, it stays there."""

@@ -18,7 +18,6 @@ from vuca_nav.errors import BadArgument
 from vuca_nav.exploration.heatmap import safety_around
 from vuca_nav.geometry import distance
 from vuca_nav.mapping.grid import OccupancyGrid
-from vuca_nav.task import GOAL_TOLERANCE
 from vuca_nav.telemetry.interface import FrontierView, MeshPart, SceneShape, Telemetry
 from vuca_nav.telemetry.rerun import blueprint as look
 from vuca_nav.telemetry.rerun import drawing
@@ -155,7 +154,7 @@ class RerunTelemetry(Telemetry):
             solids.log_model(self._writer.stream, rr.components.FillMode.TransparentFillMajorWireframe)
             poses = np.array([[shape.centre[0], shape.centre[1], shape.yaw] for shape in members])
             solids.log_poses(self._writer.stream, poses, static=True)
-        strips = [[[*goal, 0.0], [*goal, 2.5]], drawing.ring(goal, GOAL_TOLERANCE, _WANTED_HEIGHT)]
+        strips = [[[*goal, 0.0], [*goal, 2.5]], drawing.ring(goal, self.goal_tolerance, _WANTED_HEIGHT)]
         self._writer.log("/world/goal", rr.LineStrips3D(strips, radii=0.05, colors=look.GOAL), static=True)
         self._writer.mark("/world/goal/mark", goal, "goal", look.GOAL, static=True)
 

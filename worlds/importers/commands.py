@@ -1,0 +1,94 @@
+"""``vuca import``: other people's maps, benchmarks and recordings as scene files."""
+
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tyro
+
+from vuca_nav.cli import parse, show
+from vuca_nav.files import prepare_file
+
+
+def _optional(metavar: str) -> Any:
+    return tyro.conf.arg(metavar=metavar, help_behavior_hint="")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImportArguments:
+    """Write a map, a benchmark's world or recorded people as a scene file."""
+
+    file: tyro.conf.Positional[str]
+    """The file, as map:FILE (map_server), barn:FILE (SDF or JSON), dynabarn:FILE (JSON), tracks:FILE (CSV) or
+    scene:FILE; without the word before the colon, its name tells what it is."""
+    out: Path
+    """The scene file, or - for none: the file is only checked."""
+    start: Annotated[tuple[float, float, float] | None, _optional("X Y YAW")] = None
+    """Start here [m, m, rad]; a map has none of its own, then it is one end of the longest way."""
+    goal: Annotated[tuple[float, float] | None, _optional("X Y")] = None
+    """Go there [m]; a map has none of its own, then it is the other end."""
+    tolerance: Annotated[float | None, _optional("M")] = None
+    """Distance from the goal within which it counts as reached [m]."""
+    time_limit: Annotated[float | None, _optional("S")] = None
+    """Time limit [s]."""
+    unknown: Literal["solid", "free", "unknown"] = "solid"
+    """What a map's unknown cells are: walls, free floor, or free floor that is unknown to a robot with a map."""
+    obstacles: Annotated[str | None, _optional("tracks:FILE")] = None
+    """Recorded people who walk in it besides."""
+    radius: float = 0.25
+    """Radius of recorded people [m]."""
+    json: bool = False
+    """End with one JSON object on stdout."""
+
+
+def import_(argv: list[str]) -> int:
+    """Write a map, a benchmark's world or recorded people as a scene file."""
+    arguments = parse(ImportArguments, "import", argv)
+    from worlds.checks import check_world
+    from worlds.importers.scene_file import load_scene, save_scene
+    from worlds.importers.sources import KINDS, Bringing, kind_of, load_world, with_people, with_task
+
+    name = arguments.file
+    if name.partition(":")[0] not in KINDS:
+        name = f"{kind_of(Path(name))}:{name}"
+    is_dry = str(arguments.out) == "-"
+    if not is_dry:
+        prepare_file(arguments.out)
+    bringing = Bringing(
+        arguments.start, arguments.goal, arguments.tolerance, arguments.time_limit, arguments.unknown,
+        arguments.obstacles, arguments.radius,
+    )  # fmt: skip
+    _tell(f"reading {name}")
+    world = with_task(with_people(load_world(name, bringing), bringing), bringing)
+    check_world(world, arguments.file)
+    if not is_dry:
+        _tell(f"writing {arguments.out}")
+        save_scene(world, arguments.out)
+        if load_scene(arguments.out) != world:
+            raise AssertionError(f"{arguments.out} is not equal to what was read")
+    x0, y0, x1, y1 = world.bounds
+    found = {
+        "world": world.name,
+        "size": [x1 - x0, y1 - y0],
+        "shapes": len(world.obstacles),
+        "movers": len(world.movers),
+        "start": list(world.start),
+        "goal": list(world.goal),
+        "tolerance": world.tolerance,
+        "time_limit": world.time_limit,
+        "open_borders": world.open_borders,
+        "out": None if is_dry else str(arguments.out),
+    }
+    show(
+        f"{name}: {x1 - x0:.1f} x {y1 - y0:.1f} m, {len(world.obstacles)} shapes, {len(world.movers)} movers; from "
+        f"({world.start.x:g}, {world.start.y:g}) to ({world.goal[0]:g}, {world.goal[1]:g})"
+    )
+    if arguments.json:
+        show(json.dumps(found, allow_nan=False))
+    return 0
+
+
+def _tell(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
