@@ -62,7 +62,7 @@ class RobotArguments:
     """The robot, and the method that drives it."""
 
     robot: str = "tiago"
-    """A robot's name (see vuca list robots)."""
+    """A robot's name (see vuca list robots), or mjcf:robot.yaml, a robot of your own (docs/your-own-robot.md)."""
     method: Annotated[str | None, _optional("NAME")] = None
     """A method's name; vuca list methods shows them and which one is the default. module:build is a factory of your own
     (docs/methods.md)."""
@@ -73,7 +73,7 @@ class OptionArguments:
     """What is changed of a method."""
 
     trust: bool = False
-    """Run the Python of a method of your own, module:build, and of motions of your own in a scene file."""
+    """Run the Python of your own: of a method module:build, of motions in a scene file, of the drive of a robot."""
     policy: Annotated[Path | None, _optional("FILE.safetensors")] = None
     """Drive by these weights instead of the method's own, as vuca train makes them."""
     gate: Annotated[str | None, _optional("uniform")] = None
@@ -141,7 +141,8 @@ class EvalArguments(MonitorArguments, OptionArguments, DialArguments):
     out: Path
     """Directory of the results."""
     robot: Annotated[str | None, _optional("NAME,...")] = None
-    """Robots, instead of the suite's own (see vuca list robots)."""
+    """Robots, instead of the suite's own (see vuca list robots), or mjcf:robot.yaml of your own
+    (docs/your-own-robot.md)."""
     method: Annotated[str | None, _optional("NAME,...")] = None
     """Methods, instead of the suite's own (see vuca list methods), or module:build of your own (docs/methods.md). An
     option below goes to those that take it."""
@@ -224,7 +225,7 @@ class ExplainArguments:
     out: Annotated[Path | None, _optional("DIR")] = None
     """Directory of the recording and the picture, or of all moments; by default "explained" beside the rows."""
     trust: bool = False
-    """Run the Python that the row names, if its method is module:build, and that of motions in its scene file."""
+    """Run the Python that the row names: its method module:build, motions in its scene file, the drive of its robot."""
     json: bool = False
     """End with one JSON object on stdout: the row, t_inevitable, and the files written."""
 

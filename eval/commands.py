@@ -89,6 +89,8 @@ def eval_(argv: list[str]) -> int:
     methods, robots = _listed("--method", arguments.method), _listed("--robot", arguments.robot)
     for method in methods or ():
         _check_trust(method, arguments)
+    for robot in robots or ():
+        _check_robot_trust(robot, arguments)
     suite = turn_dials(find_suite(arguments.suite), **arguments.dials())
     suite = choose(suite, methods, robots, options_of(arguments))
     seeds = suite.seeds if arguments.seeds is None else parse_seeds(arguments.seeds)
@@ -177,8 +179,9 @@ def explain(argv: list[str]) -> int:
         if arguments.seed is not None:
             raise BadArgument("--all explains the collisions of all seeds; leave SEED out")
         rows = find_rows(arguments.source, arguments.filters())
-        for method in {row["method"] for row in rows}:
-            _check_trust(method, arguments)
+        for row in rows:
+            _check_trust(row["method"], arguments)
+            _check_robot_trust(row["robot"], arguments)
         command = shlex.join(["vuca", "explain", *argv])
         moments, crashes = find_moments(rows, out / FILE, command, trust=arguments.trust)
         show("\n".join(markdown(moments_table(moments))))
@@ -186,6 +189,7 @@ def explain(argv: list[str]) -> int:
         return 1 if crashes else 0
     row = find_row(arguments.source, arguments.seed, arguments.filters())
     _check_trust(row["method"], arguments)
+    _check_robot_trust(row["robot"], arguments)
     explained = explain_row(row, out, trust=arguments.trust)
     show(explained.text)
     _print_json(explained.row, arguments.json)
@@ -242,6 +246,7 @@ def _episode(arguments: EpisodeArguments, default: str) -> EpisodeConfig:
 
     scene = {field.name: getattr(arguments, field.name) for field in fields(SceneArguments)}
     method = _method(arguments, default)
+    _check_robot_trust(arguments.robot, arguments)
     options = options_of(arguments)
     return EpisodeConfig(**scene, robot=arguments.robot, method=method, options=options, trust=arguments.trust)
 
@@ -259,6 +264,14 @@ def _check_trust(method: str, arguments: OptionArguments | ExplainArguments) -> 
 
     if is_users_own(method) and not arguments.trust:
         raise BadArgument(f"method {shown(method)} runs Python code of your own; add --trust if you trust it")
+
+
+def _check_robot_trust(robot: str, arguments: OptionArguments | ExplainArguments) -> None:
+    """Refuse a robot whose drive is an interface of the user's own without --trust, since it runs any Python."""
+    from robots.registry import runs_user_code
+
+    if not arguments.trust and runs_user_code(robot):
+        raise BadArgument(f"robot {shown(robot)} runs Python code of your own; add --trust if you trust it")
 
 
 def _listed(flag: str, text: str | None) -> list[str] | None:

@@ -49,7 +49,7 @@ class EpisodeConfig:
     region: int | None = None
     """Number of quarters of the factory."""
     robot: str = "tiago"
-    """A robot's name."""
+    """A robot's name, or ``mjcf:`` and the path of a robot's file."""
     method: str = BEST
     """A method's name, or ``module:build``: a factory in a module that is then imported."""
     seed: int = 0

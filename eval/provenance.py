@@ -19,6 +19,7 @@ from eval.methods import resolve, settings_of, title_of
 from eval.store import Row
 from robots.arithmetic import fingerprint
 from robots.noise import NoiseConfig
+from robots.registry import digest_of as digest_of_body
 from robots.registry import make_body
 from vuca_nav.provenance import commit
 
@@ -107,7 +108,9 @@ def digest_of(root: Path) -> str:
 
 def _settings(config: EpisodeConfig) -> Row:
     body = make_body(config.robot)
-    return settings_of(resolve(config.method, config.options), body.spec, body.lidar)
+    settings = settings_of(resolve(config.method, config.options), body.spec, body.lidar)
+    digest = digest_of_body(body)
+    return settings if digest is None else settings | {"robot_sha256": digest}
 
 
 def _modules(root: Path, entry: str) -> dict[str, Path]:

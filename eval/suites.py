@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from eval.episode import EpisodeConfig
 from eval.methods import BEST, UNCHANGED, UNIFORM, MethodOptions, resolve, taken_by, title_of
-from robots.registry import ROBOTS
+from robots.registry import check_robot
 from vuca_nav.errors import BadArgument, UnknownName
 from worlds.registry import TRAINING_SEED, check_options
 
@@ -242,8 +242,7 @@ def choose(
         )
     robots = suite.robots if robots is None else tuple(dict.fromkeys(robots))
     for robot in robots:
-        if robot not in ROBOTS:
-            raise UnknownName("robot", robot, ROBOTS)
+        check_robot(robot)
     for driver in drivers:
         resolve(*driver)
     return replace(suite, drivers=tuple(dict.fromkeys(drivers)), robots=robots)

@@ -1,10 +1,6 @@
 """Methods of the user's own: ``--method module:build``, a factory in the user's own Python."""
 
-import hashlib
-from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-from types import ModuleType
 from typing import Any, Literal, NamedTuple
 
 from vuca_nav.errors import BadArgument
@@ -14,7 +10,7 @@ from vuca_nav.policy.base import LocalPolicy
 from vuca_nav.stack import Stack
 from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import BodySpec, LidarSpec
-from vuca_nav.user_code import Wanted, load_user_code, told
+from vuca_nav.user_code import Found, Wanted, load_user_code, told
 
 
 class Request(NamedTuple):
@@ -46,9 +42,7 @@ class UserMethod:
         Raises:
             BadArgument: The module cannot be loaded.
         """
-        file = self._load()[0].__file__
-        source = b"" if file is None else Path(file).read_bytes()
-        return {"module": self.name, "source_sha256": hashlib.sha256(source).hexdigest()}
+        return {"module": self.name, "source_sha256": self._load().digest}
 
     def build(self, request: Request) -> Stack:
         """Build the stack.
@@ -56,7 +50,7 @@ class UserMethod:
         Raises:
             BadArgument: The module cannot be loaded, the factory raises an exception, or it returns something else.
         """
-        factory = self._load()[1]
+        factory = self._load().thing
         try:
             built = factory(request)
         except Exception as error:  # whatever the user's code raises is the user's to mend
@@ -70,6 +64,6 @@ class UserMethod:
             )
         return built
 
-    def _load(self) -> tuple[ModuleType, Callable[[Request], object]]:
+    def _load(self) -> Found:
         wanted = Wanted(f"--method {self.name}", "a method of your own", "my_planner:build", "a function of a Request")
         return load_user_code(self.name, wanted)

@@ -131,10 +131,10 @@ def build_model(world: World, body: Body, physics_rate: float) -> mujoco.MjModel
     arena.attach(body.mjcf()).add("freejoint")
     option = arena.option
     option.timestep = 1.0 / physics_rate
-    option.cone = "pyramidal"
+    option.cone = body.friction_cone
     option.iterations, option.ls_iterations = 10, 10  # converges in 1-2; more only costs when something is wrong
     option.flag.autoreset = "disable"  # a diverged episode must end, not silently start over
-    return mujoco.MjModel.from_xml_string(arena.to_xml_string())
+    return mujoco.MjModel.from_xml_string(arena.to_xml_string(), arena.get_assets())
 
 
 def _kinds(world: World) -> dict[str, str]:

@@ -58,7 +58,7 @@ def _corrupt(clean, normal, uniform, sigma, dropout, min_range, max_range, repor
 
 
 class WheelOdometer:
-    """Dead reckoning of a differential drive: distance from the wheels' encoders, heading from the gyro.
+    """Dead reckoning of a base with wheels on both sides: distance from their encoders, heading from the gyro.
 
     Encoders alone would turn a 1% difference of the wheels' radii into a turn; taking the heading from a gyro is
     what wheeled bases with an IMU do.
@@ -68,10 +68,18 @@ class WheelOdometer:
         rng: Source of randomness, which nothing else draws from.
         wheel_radius: Radius of the wheels by which distances are computed [m].
         dt: Time between two updates [s].
+        track: Distance of the wheels by which the heading follows from the encoders [m]; None takes it from the gyro.
     """
 
-    def __init__(self, noise: NoiseConfig, rng: np.random.Generator, wheel_radius: float, dt: float):
-        self._rng, self._dt = rng, dt
+    def __init__(
+        self,
+        noise: NoiseConfig,
+        rng: np.random.Generator,
+        wheel_radius: float,
+        dt: float,
+        track: float | None = None,
+    ):
+        self._rng, self._dt, self._track = rng, dt, track
         self._slip_sigma, self._slip_length = noise.slip_sigma, noise.slip_length
         scale_left, scale_right, gyro_scale, gyro_bias = rng.standard_normal(4)
         self._left_radius = wheel_radius * (1.0 + noise.encoder_scale_sigma * float(scale_left))
@@ -108,7 +116,10 @@ class WheelOdometer:
         self._right_slip = self._next_slip(self._right_slip, right, right_normal)
         left += left * self._left_slip
         right += right * self._right_slip
-        rate = gyro_rate * self._gyro_scale + self._gyro_bias + self._gyro_sigma * gyro_normal
+        if self._track is None:
+            rate = gyro_rate * self._gyro_scale + self._gyro_bias + self._gyro_sigma * gyro_normal
+        else:
+            rate = (right - left) / (self._track * self._dt)
 
         distance = 0.5 * (left + right)
         turn = 0.5 * (rate + self._rate) * self._dt  # trapezoid: the gyro is sampled, not integrated, by the sensor

@@ -1,5 +1,6 @@
 """Python of the user's own, named ``module:name`` on the command line or in a file and loaded only where trusted."""
 
+import hashlib
 import importlib
 import re
 import sys
@@ -27,7 +28,21 @@ class Wanted(NamedTuple):
     """What the module should have by that name, as in "a function of a Request"."""
 
 
-def load_user_code(name: str, wanted: Wanted) -> tuple[ModuleType, Callable[..., Any]]:
+class Found(NamedTuple):
+    """What a name stands for."""
+
+    module: ModuleType
+    thing: Callable[..., Any]
+    """The function or class of that name in it."""
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the module's source."""
+        file = self.module.__file__
+        return hashlib.sha256(b"" if file is None else Path(file).read_bytes()).hexdigest()
+
+
+def load_user_code(name: str, wanted: Wanted) -> Found:
     """Import the user's module, which runs it, and look the name up in it.
 
     A module that Python does not find otherwise is looked for in the working directory.
@@ -35,9 +50,6 @@ def load_user_code(name: str, wanted: Wanted) -> tuple[ModuleType, Callable[...,
     Args:
         name: ``module:name``.
         wanted: Words for the messages.
-
-    Returns:
-        The module, and the function or class of that name in it.
 
     Raises:
         BadArgument: The name is of another form, the module is not found or raises an exception, or it has nothing
@@ -65,7 +77,7 @@ def load_user_code(name: str, wanted: Wanted) -> tuple[ModuleType, Callable[...,
         kind = "class" if wanted.right.startswith("a class") else "function"
         what = "has no" if found is None else f"has, but not as a {kind},"
         raise BadArgument(f"{source}: the module {module_name!r} {what} {attribute!r}; {wanted.right} would be right")
-    return module, found
+    return Found(module, found)
 
 
 def told(error: Exception) -> str:

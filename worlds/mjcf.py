@@ -16,6 +16,7 @@ import_simulator()
 
 from dm_control.mjcf import Element as Element  # noqa: E402  for the modules that build bodies
 from dm_control.mjcf import RootElement as RootElement  # noqa: E402
+from dm_control.mjcf import from_xml_string as from_xml_string  # noqa: E402
 
 TOUCHES_FLOOR = 1
 """``contype`` bit of a body's geom that may touch the floor."""

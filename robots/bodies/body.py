@@ -85,6 +85,9 @@ class Body(ABC):
     """Height of base_link above the floor when the robot stands [m]."""
     settle_time: float
     """Time from ``reset`` until the robot stands still and can be commanded [s]."""
+    friction_cone: str = "pyramidal"
+    """MuJoCo's cone of friction: "pyramidal" is faster, "elliptic" slides alike in every direction of the world, for a
+    body that skids."""
 
     @abstractmethod
     def mjcf(self) -> RootElement:

@@ -64,6 +64,9 @@ MAX_V_X = 1.0
 mobile_base_controller.yaml) [m/s]."""
 MIN_V_X = -0.2
 """Greatest backward velocity: linear.x.min_velocity, same file [m/s]."""
+REAR_MIN_V_X = -0.6
+"""Greatest backward velocity of ``tiago-rear``, chosen [m/s]. PAL's limit is that of a base that sees nothing behind;
+this one has a merged scan all round. The drive's own limit is 1.0 m/s either way."""
 MAX_A_X = 1.0
 """Greatest acceleration: linear.x.max_acceleration, same file [m/s^2]."""
 MAX_W_Z = 1.0
@@ -151,14 +154,18 @@ class Tiago(Body):
     casters are fixed in the URDF; here they are frictionless spheres, which is what a swivelling caster is to the
     base but for the small push it gives when it swings round. Wheels touch the floor as spheres of the wheel's
     radius: a tyre's one contact point, at the wheel's centre plane.
+
+    Args:
+        name: Name of the body.
+        min_v_x: Greatest backward velocity, negative [m/s].
     """
 
-    def __init__(self):
+    def __init__(self, name: str = "tiago", min_v_x: float = MIN_V_X):
         self.spec = BodySpec(
-            name="tiago",
+            name=name,
             footprint=FOOTPRINT,
             max_v_x=MAX_V_X,
-            min_v_x=MIN_V_X,
+            min_v_x=min_v_x,
             max_v_y=0.0,
             max_w_z=MAX_W_Z,
             max_a_x=MAX_A_X,
@@ -208,27 +215,37 @@ class Tiago(Body):
 
     def bind(self, model: mujoco.MjModel, data: mujoco.MjData, control_dt: float, noise: NoiseConfig) -> "BoundTiago":
         """Implements :class:`~robots.bodies.body.Body`."""
-        return BoundTiago(model, data, control_dt, noise)
+        return BoundTiago(self.spec, model, data, control_dt, noise)
 
     def visuals(self) -> tuple[VisualPart, ...]:
         """Implements :class:`~robots.bodies.body.Body`."""
         return _visuals()
 
 
+class TiagoRear(Tiago):
+    """PAL Robotics' TIAGo that backs out faster, at 0.6 m/s: it sees all round."""
+
+    def __init__(self):
+        super().__init__("tiago-rear", REAR_MIN_V_X)
+
+
 class BoundTiago(BoundBody):
     """TIAGo in one compiled model."""
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, control_dt: float, noise: NoiseConfig) -> None:
-        self._dt, self._noise = control_dt, noise
-        base = model.body("tiago/").id
+    def __init__(
+        self, spec: BodySpec, model: mujoco.MjModel, data: mujoco.MjData, control_dt: float, noise: NoiseConfig
+    ) -> None:
+        self._dt, self._noise, self._min_v_x = control_dt, noise, spec.min_v_x
+        name = spec.name
+        base = model.body(f"{name}/").id
         start = model.jnt_qposadr[model.body_jntadr[base]]
         self._qpos = data.qpos[start : start + 7]
         self._qvel = data.qvel
-        left, right = (model.actuator(f"tiago/{wheel}").id for wheel in _wheels())
+        left, right = (model.actuator(f"{name}/{wheel}").id for wheel in _wheels())
         self._ctrl, self._left, self._right = data.ctrl, left, right
         self._sensors = data.sensordata
-        self._gyro_z = model.sensor("tiago/gyro").adr[0] + 2
-        self._encoders = [int(model.sensor(f"tiago/{wheel}_encoder").adr[0]) for wheel in _wheels()]
+        self._gyro_z = model.sensor(f"{name}/gyro").adr[0] + 2
+        self._encoders = [int(model.sensor(f"{name}/{wheel}_encoder").adr[0]) for wheel in _wheels()]
         self._all_qpos = data.qpos
         self._v_x = self._w_z = 0.0
         # Torque a wheel needs for an acceleration of the base, forwards [m/s^2] and about its axis [rad/s^2].
@@ -261,7 +278,7 @@ class BoundTiago(BoundBody):
         Where a wheel would have to turn faster than it can, both speeds shrink alike: the arc stays the same
         (``preserve_turning_radius: true`` in PAL's configuration).
         """
-        v_x = min(max(command.v_x, MIN_V_X), MAX_V_X)
+        v_x = min(max(command.v_x, self._min_v_x), MAX_V_X)
         w_z = min(max(command.w_z, -MAX_W_Z), MAX_W_Z)
         fastest = (abs(v_x) + abs(w_z) * WHEEL_SEPARATION / 2.0) / WHEEL_RADIUS
         if fastest > WHEEL_MAX_SPEED:

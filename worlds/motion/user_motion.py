@@ -112,7 +112,7 @@ def _build(mover: Mover) -> UserMover:
     assert isinstance(motion, UserMotion)
     source = f"motion {motion.name}"
     wanted = Wanted(source, "a motion of your own", "my_motion:Pacing", "a class derived from UserMover")
-    kind = load_user_code(motion.name, wanted)[1]
+    kind = load_user_code(motion.name, wanted).thing
     if not (isinstance(kind, type) and issubclass(kind, UserMover)):
         raise BadArgument(f"{source}: it is no class derived from worlds.motion.user_motion.UserMover, as is right")
     try:
