@@ -64,7 +64,7 @@ def course_of(config: EpisodeConfig) -> Row:
 
     Returns:
         The episode's own fields; ``outcome``, ``duration`` [s], ``path_length`` [m]; ``path``: x, y every ``period``
-        and at the end [m]; ``gate``: the experts' shares every ``period``, empty where the policy was
+        and at the end [m]; ``expert_shares``: the experts' shares every ``period``, empty where the policy was
         not asked, None without a gate; ``scene``.
     """
     course, episode = _Course(), Episode(config)
@@ -74,7 +74,7 @@ def course_of(config: EpisodeConfig) -> Row:
         **{name: now[name] for name in _REPEATED},
         "period": PERIOD,
         "path": [*course.places, course.last],
-        "gate": course.shares if any(course.shares) else None,
+        "expert_shares": course.shares if any(course.shares) else None,
         "scene": scene_row(episode.world),
     }
 

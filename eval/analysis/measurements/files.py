@@ -98,11 +98,11 @@ KINDS: Mapping[str, Fields] = {
         {
             **ROW_KINDS,
             "path": list_of(NUMBERS),
-            "gate": list_of(NUMBERS).or_none(),
+            "expert_shares": list_of(NUMBERS).or_none(),
             "period": NUMBER,
             "scene": Kind("a scene", _is_scene),
         },
-        (*_EPISODE, "outcome", "path", "gate", "period", "scene"),
+        (*_EPISODE, "outcome", "path", "expert_shares", "period", "scene"),
     ),
     "gate": Fields(
         {"policy": TEXT, "kind": TEXT, "seed": COUNT, "situations": Kind("counts by situation", _is_situations)},

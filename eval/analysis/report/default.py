@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eval.analysis.report.cells import Cell, Evaluation, cells_of, unique
+from eval.analysis.report.cells import Cell, Evaluation, cells_of
 from eval.analysis.report.results import ended, find, later
 from eval.analysis.report.tables import Column, Share, Table, Value
 from eval.analysis.statistics import Estimate, holm, mcnemar_exact, paired_difference
@@ -65,7 +65,7 @@ def _groups(suite: str, cells: Sequence[Cell]) -> list[_Pairs]:
     firsts = [cell for cell in cells if cell.method == FIRST]
     found = [(first, find(cells, first.place, first.robot, SECOND)) for first in firsts]
     pairs = [(a, b) for a, b in found if b is not None and a.rows.keys() & b.rows.keys()]
-    robots = unique(first.robot for first, _ in pairs)
+    robots = sorted({first.robot for first, _ in pairs})
     groups = [_Pairs(suite, robot, [pair for pair in pairs if pair[0].robot == robot]) for robot in robots]
     return [_Pairs(suite, ALL, pairs), *groups] if len(robots) > 1 else groups
 

@@ -164,7 +164,7 @@ def _gates(evidence: Evidence) -> list[Picture]:
 
 def _gates_in_time(evidence: Evidence) -> list[Picture]:
     """Shares of the experts over the time of one mission: for each robot, a panel a method of the hardest place."""
-    rows = sorted((row for row in evidence.rows("courses") if row["gate"]), key=_rank)
+    rows = sorted((row for row in evidence.rows("courses") if row["expert_shares"]), key=_rank)
     pictures = []
     for robot in sorted({row["robot"] for row in rows}):
         here = [row for row in rows if row["robot"] == robot]
@@ -174,8 +174,8 @@ def _gates_in_time(evidence: Evidence) -> list[Picture]:
         figure = Figure(figsize=(8.0, 0.8 + 1.5 * len(here)), layout="constrained")
         experts = 0
         for axes, row in zip(figure.subplots(len(here), 1, squeeze=False)[:, 0], here):
-            count = max(map(len, row["gate"]))
-            shares = np.array([each if len(each) == count else [np.nan] * count for each in row["gate"]])
+            count = max(map(len, row["expert_shares"]))
+            shares = np.array([each if len(each) == count else [np.nan] * count for each in row["expert_shares"]])
             times = row["period"] * np.arange(len(shares))
             experts = max(experts, count)
             axes.stackplot(times, 100.0 * np.nan_to_num(shares).T, colors=EXPERTS[:count], linewidth=0)
