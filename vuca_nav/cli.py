@@ -27,6 +27,7 @@ GROUP = "vuca.commands"
 EXTRA_OF_MODULE = {
     "PIL": "sim",
     "collada": "sim",
+    "cyclonedds": "deploy",
     "dm_control": "sim",
     "gymnasium": "sim",
     "jsonschema": "sim",

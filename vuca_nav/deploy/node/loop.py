@@ -79,6 +79,7 @@ class Node:
         self.after_tick: Callable[[], None] = lambda: None
         """Called at the end of each tick."""
         self.navigator = bundle.navigator(telemetry)
+        self.navigator.head_for(None)
         self.safety = self._safety_layer()
         self.pace: Pace
         if config.lockstep:
