@@ -110,6 +110,8 @@ class EpisodeConfig:
 
 CONFIG_FIELDS = tuple(EpisodeConfig().row())
 """The fields of a row that say which episode it is of."""
+ADDED_FIELDS = {"monitor": False}
+"""Those of them that rows of earlier versions lack, with what they stood for."""
 
 
 @dataclass(frozen=True, slots=True)

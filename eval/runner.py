@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from eval.episode import CONFIG_FIELDS, EpisodeConfig, run_episode
+from eval.episode import ADDED_FIELDS, CONFIG_FIELDS, EpisodeConfig, run_episode
 from eval.store import Row
 from vuca_nav.provenance import usable_cores
 
@@ -46,7 +46,7 @@ def run_one(config: EpisodeConfig) -> Row:
 
 def key_of(row: Row) -> str:
     """Identity of the episode that a row is of: its configuration."""
-    return repr([row.get(name) for name in CONFIG_FIELDS])
+    return repr([row.get(name, ADDED_FIELDS.get(name)) for name in CONFIG_FIELDS])
 
 
 def run_episodes(

@@ -8,7 +8,7 @@ from dataclasses import fields
 from eval.analysis.statistics import mean, wilson_interval
 from eval.checked import is_number
 from eval.contact import CONTACT_CLASSES
-from eval.episode import OUTCOMES
+from eval.episode import ADDED_FIELDS, OUTCOMES
 from eval.failure import FAILURE_CLASSES
 from eval.methods import MethodOptions, title_of
 from eval.store import Row
@@ -50,7 +50,7 @@ def is_result(row: Row) -> bool:
     return (
         row.get("outcome") in OUTCOMES
         and all(name in row and (row[name] is None or is_number(row[name])) for name in MEANS)
-        and all(name in row for name in GROUP_BY)
+        and all(name in row for name in GROUP_BY if name not in ADDED_FIELDS)
     )
 
 
@@ -58,7 +58,7 @@ def summarise(rows: Sequence[Row]) -> list[Row]:
     """A summary for each group, the groups in order; the rows' order does not matter."""
     groups: dict[tuple, list[Row]] = {}
     for row in rows:
-        groups.setdefault(tuple(row.get(key) for key in GROUP_BY), []).append(row)
+        groups.setdefault(tuple(row.get(key, ADDED_FIELDS.get(key)) for key in GROUP_BY), []).append(row)
     ordered = sorted(groups.items(), key=lambda item: [(part is None, part) for part in item[0]])
     return [{**dict(zip(GROUP_BY, key)), **statistics_of(members)} for key, members in ordered]
 

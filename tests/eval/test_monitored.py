@@ -2,8 +2,10 @@
 
 import pytest
 
+from eval.analysis.summary import is_result, summarise
 from eval.episode import EpisodeConfig, run_episode
 from eval.methods import METHODS, MethodOptions, resolve, title_of
+from eval.runner import key_of
 from eval.suites import SUITES, choose
 
 MONITOR = MethodOptions(monitor=True)
@@ -32,3 +34,7 @@ def test_without_it_nothing_is_told():
     row = run_episode(EpisodeConfig(world="static", seed=3, without="V", method="dwa-dh", goal=None)).row()
     assert row["monitor"] is False
     assert row["monitor_ticks"] is None
+    before = {key: value for key, value in row.items() if not key.startswith("monitor")}  # of a version without it
+    assert is_result(before)
+    assert key_of(before) == key_of(row)
+    assert len(summarise([before, row])) == 1
