@@ -1,6 +1,7 @@
 """``vuca check``: whether a bundle is whole, computes here what it computed where it was made, and how fast."""
 
 import json
+import os
 import platform
 import sys
 import time
@@ -23,7 +24,7 @@ from vuca_nav.policy.network import make_network
 from vuca_nav.policy.observation import command_from_action, limits_of
 from vuca_nav.policy.weights_file import ACTION_SIZE, PolicyWeights, load_weights
 from vuca_nav.progress import CountedProgress
-from vuca_nav.provenance import machine, version_of
+from vuca_nav.provenance import machine, usable_cores, version_of
 
 TOLERANCE = 1e-5
 """Greatest difference of two implementations of a network that is taken for rounding."""
@@ -253,6 +254,11 @@ def _told(bundle: Bundle, report: Report) -> str:
         name, steps, *times = latency
         lines.append(f"  {name:54} {steps:6,} " + " ".join(f"{value:9.3f}" for value in times))
     lines.append(f"  {'the period of ticks':54} {'':6} {1000.0 / bundle.config.navigator.rate:9.3f}")
+    load, cores = os.getloadavg()[0], usable_cores()
+    if load > cores:
+        lines.append(
+            f"  a load of {load:.1f} on {cores} cores: the longest times are those of other work on this machine"
+        )
     lines += ["", f"{'version':16} {'here':>14} {'at export':>14}"]
     lines += [f"  {name:14} {here or '-':>14} {there or '-':>14}" for name, here, there in _versions(bundle)]
     lines += ["", "sound" if report.is_sound else "NOT SOUND: the networks do not agree; export the bundle again"]
@@ -292,4 +298,5 @@ def _row(bundle: Bundle, report: Report) -> dict[str, Any]:
         "latency": [latency._asdict() for latency in report.latencies],
         "versions": {name: {"here": here, "at_export": there} for name, here, there in _versions(bundle)},
         "machine": machine(),
+        "load": os.getloadavg()[0],
     }

@@ -17,7 +17,7 @@ from tests.vuca_nav.deploy.bundles import write
 from tests.vuca_nav.deploy.missions import COMMAND, SCAN, scan_message, write_log
 from vuca_nav.deploy.bundle import load_bundle
 from vuca_nav.deploy.log import MissionLog
-from vuca_nav.deploy.log_file import LogFile
+from vuca_nav.deploy.replay.log_file import LogFile
 from vuca_nav.deploy.transport.ros_types import encode, new
 from vuca_nav.errors import BadArgument
 from vuca_nav.types import LidarSpec

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 from vuca_nav.data_files import shown
 from vuca_nav.deploy.bundle import Bundle
-from vuca_nav.deploy.log_file import LogFile, LoggedMessage
 from vuca_nav.deploy.messages import (
     Refused,
     SensedOdometry,
@@ -22,6 +21,7 @@ from vuca_nav.deploy.messages import (
     scan_of,
     vertical_of_imu,
 )
+from vuca_nav.deploy.replay.log_file import LogFile, LoggedMessage
 from vuca_nav.deploy.robot_file import Frames
 from vuca_nav.deploy.transforms import StaticTransforms
 from vuca_nav.deploy.transport.ros_types import BadMessage, decode

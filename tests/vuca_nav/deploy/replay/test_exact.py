@@ -12,8 +12,9 @@ from tests.vuca_nav.deploy.bundles import write
 from tests.vuca_nav.deploy.missions import write_log
 from vuca_nav.deploy.bundle import load_bundle
 from vuca_nav.deploy.log import MissionLog
-from vuca_nav.deploy.log_file import MAGIC, MOST_RECORD, LogFile
-from vuca_nav.deploy.replay import replay, replay_log
+from vuca_nav.deploy.replay.command import replay
+from vuca_nav.deploy.replay.exact import replay_log
+from vuca_nav.deploy.replay.log_file import MAGIC, MOST_RECORD, LogFile
 from vuca_nav.errors import BadLog
 from vuca_nav.types import STANDING, LidarSpec, Odometry, Pose2, Scan, Twist2, VelocityCommand
 

@@ -10,7 +10,7 @@ from rosbags.typesys import Stores, get_typestore
 from tests.vuca_nav.deploy.bundles import write
 from tests.vuca_nav.deploy.missions import odometry_message, scan_message
 from vuca_nav.deploy.bundle import load_bundle
-from vuca_nav.deploy.replay import replay
+from vuca_nav.deploy.replay.command import replay
 from vuca_nav.deploy.transport.ros_types import encode, new
 from vuca_nav.errors import BadArgument, BadLog
 from vuca_nav.types import LidarSpec, Pose2, Twist2

@@ -1,0 +1,1 @@
+"""Logs of missions, read with suspicion, and the stack over them: `vuca replay`."""
