@@ -5,7 +5,7 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, TextIO
+from typing import Annotated, Any, Literal, TextIO
 
 import tyro
 
@@ -41,6 +41,10 @@ class DeployArguments:
     a topic clock, which a real robot does not have."""
     twist: bool = False
     """Publish cmd_vel as Twist, Nav2's up to Jazzy, instead of TwistStamped."""
+    base: Literal["ros", "unitree"] = "ros"
+    """What the base speaks: cmd_vel and odom of ROS, or requests and states of a Unitree Go2 (untried on hardware)."""
+    speed: Annotated[float, tyro.conf.arg(metavar="SHARE")] = 1.0
+    """Share of the body's greatest velocities that commands may have, 0.5 for the first time on the floor."""
     domain: Annotated[int | None, _optional("N")] = None
     """ROS domain; by default that of ROS_DOMAIN_ID, or 0."""
     interface: Annotated[str | None, _optional("NAME")] = None
@@ -80,6 +84,8 @@ def deploy(argv: list[str]) -> int:
         lockstep=arguments.lockstep,
         use_sim_time=ros.use_sim_time or arguments.lockstep,
         stamped=not arguments.twist,
+        base=arguments.base,
+        speed=arguments.speed,
     )
     log = NodeLog() if arguments.log is None else _open_log(arguments.log, bundle)
     telemetry = _open_telemetry(arguments)

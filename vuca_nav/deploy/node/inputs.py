@@ -8,12 +8,12 @@ from vuca_nav.deploy.messages import (
     SensedOdometry,
     SensedScan,
     lidar_of,
-    odometry_of,
     pose_of,
     scan_of,
     stamp_of,
     vertical_of_imu,
 )
+from vuca_nav.deploy.node.base import Base
 from vuca_nav.deploy.node.log import NodeLog
 from vuca_nav.deploy.robot_file import RobotFile
 from vuca_nav.deploy.transforms import StaticTransforms
@@ -33,6 +33,7 @@ class Inputs:
     Args:
         transport: The network.
         robot: Frames, topics and lidar of the robot.
+        base: Its base.
         log: Keeps what comes.
         use_sim_time: Whether time is that of ``/clock``.
 
@@ -46,8 +47,8 @@ class Inputs:
         is_stopped: Whether an emergency stop came that was not released.
     """
 
-    def __init__(self, transport: Transport, robot: RobotFile, log: NodeLog, use_sim_time: bool):
-        self._transport, self._robot, self._log = transport, robot, log
+    def __init__(self, transport: Transport, robot: RobotFile, base: Base, log: NodeLog, use_sim_time: bool):
+        self._transport, self._robot, self._base, self._log = transport, robot, base, log
         self.lidar: LidarSpec | None = None
         self.scan: SensedScan | None = None
         self.odometry: SensedOdometry | None = None
@@ -65,7 +66,7 @@ class Inputs:
         listen = [  # readings first: what was sent before a reading is then there with it
             (topics.scan, "sensor_msgs/msg/LaserScan", SENSOR, self._take_scan),
             (topics.imu, "sensor_msgs/msg/Imu", SENSOR, self._take_imu),
-            (topics.odom, "nav_msgs/msg/Odometry", _ODOMETRY, self._take_odometry),
+            (base.odometry_topic, base.odometry_type, _ODOMETRY, self._take_odometry),
             ("/tf_static", "tf2_msgs/msg/TFMessage", STATIC_TRANSFORMS, self._take_transforms),
             (topics.initial_pose, "geometry_msgs/msg/PoseWithCovarianceStamped", RELIABLE, self._take_start),
             (topics.goal, "geometry_msgs/msg/PoseStamped", RELIABLE, self._take_goal),
@@ -145,7 +146,7 @@ class Inputs:
     def _take_odometry(self, message: Any, _: int) -> None:
         now = time.monotonic()
         up = self._up if now - self._up_received < IMU_AGE else None
-        self.odometry = odometry_of(message, self._robot.frames, up)
+        self.odometry = self._base.odometry(message, up)
         self.odometry_received = now
 
     def _take_start(self, message: Any, _: int) -> None:

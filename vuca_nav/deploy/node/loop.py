@@ -6,16 +6,19 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
+from vuca_nav.checks import check_fields
 from vuca_nav.deploy.bundle import Bundle
 from vuca_nav.deploy.node.action import NavigateToPose, Progress, Status
+from vuca_nav.deploy.node.base import RosBase
 from vuca_nav.deploy.node.inputs import EMERGENCY_STOP, Inputs
 from vuca_nav.deploy.node.log import NodeLog
 from vuca_nav.deploy.node.outputs import Outputs
 from vuca_nav.deploy.node.pace import Lockstep, Pace, RealTime
+from vuca_nav.deploy.node.unitree import UnitreeBase
 from vuca_nav.deploy.safety.config import DEFAULTS
 from vuca_nav.deploy.safety.layer import SafetyLayer
 from vuca_nav.deploy.safety.status import Tick
@@ -43,6 +46,14 @@ class NodeConfig:
     """Whether time is that of ``/clock``."""
     stamped: bool = True
     """Whether commands are TwistStamped; otherwise Twist."""
+    base: Literal["ros", "unitree"] = "ros"
+    """What the base speaks: ROS's cmd_vel and odom, or a Unitree Go2's own requests and state."""
+    speed: float = 1.0
+    """Share of the body's greatest velocities that commands may have."""
+
+    def __post_init__(self) -> None:
+        """Raise BadArgument for a speed that is no share."""
+        check_fields(self, "above 0 and at most 1", lambda share: 0.0 < share <= 1.0, "speed")
 
 
 class LoopTimes(NamedTuple):
@@ -73,8 +84,9 @@ class Node:
     ) -> None:
         self._bundle, self._config, self._telemetry, self._log = bundle, config, telemetry, log
         self._rate = bundle.config.navigator.rate
-        self.inputs = Inputs(transport, bundle.robot, log, config.use_sim_time)
-        self.outputs = Outputs(transport, bundle.robot, log, config.stamped)
+        base = RosBase(bundle.robot, config.stamped) if config.base == "ros" else UnitreeBase()
+        self.inputs = Inputs(transport, bundle.robot, base, log, config.use_sim_time)
+        self.outputs = Outputs(transport, bundle.robot, base, log)
         self.action = NavigateToPose(transport, bundle.robot.frames.map)
         self.after_tick: Callable[[], None] = lambda: None
         """Called at the end of each tick."""
@@ -235,7 +247,11 @@ class Node:
         simulated = self._config.use_sim_time and not self._config.lockstep
         watchdogs = replace(DEFAULTS.watchdogs, simulated_clock=simulated)
         config = replace(DEFAULTS, rate=self._rate, odometry_rate=self._rate, watchdogs=watchdogs)
-        return SafetyLayer(self._bundle.body, lidar, config)
+        body, share = self._bundle.body, self._config.speed
+        if share < 1.0:
+            limits = {name: share * getattr(body, name) for name in ("max_v_x", "min_v_x", "max_v_y", "max_w_z")}
+            body = replace(body, **limits)
+        return SafetyLayer(body, lidar, config)
 
     def _safety_tick(self, sensed: tuple[Scan, Odometry] | None) -> Tick:
         """What the safety layer knows at this tick."""

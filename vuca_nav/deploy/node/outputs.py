@@ -10,9 +10,8 @@ from vuca_nav.deploy.messages import (
     time_message,
     tracks_message,
     transform_message,
-    twist_message,
-    twist_stamped_message,
 )
+from vuca_nav.deploy.node.base import Base
 from vuca_nav.deploy.node.log import NodeLog
 from vuca_nav.deploy.robot_file import RobotFile
 from vuca_nav.deploy.safety.layer import SafetyLayer
@@ -35,17 +34,16 @@ class Outputs:
     Args:
         transport: The network.
         robot: Frames and topics of the robot.
+        base: Its base.
         log: Keeps what is said.
-        stamped: Whether commands are TwistStamped; otherwise Twist, which cannot say what they answer.
     """
 
-    def __init__(self, transport: Transport, robot: RobotFile, log: NodeLog, stamped: bool):
-        self._transport, self._frames, self._log, self._stamped = transport, robot.frames, log, stamped
+    def __init__(self, transport: Transport, robot: RobotFile, base: Base, log: NodeLog):
+        self._transport, self._frames, self._base, self._log = transport, robot.frames, base, log
         self._channels: dict[str, tuple[str, str, Publisher]] = {}
         topics = robot.topics
-        twist = "geometry_msgs/msg/TwistStamped" if stamped else "geometry_msgs/msg/Twist"
         for name, topic, type_name, qos in (
-            ("command", topics.cmd_vel, twist, COMMAND),
+            ("command", base.command_topic, base.command_type, COMMAND),
             ("map", topics.map, "nav_msgs/msg/OccupancyGrid", LATCHED),
             ("plan", topics.plan, "nav_msgs/msg/Path", RELIABLE),
             ("tracks", topics.tracks, "visualization_msgs/msg/MarkerArray", RELIABLE),
@@ -54,7 +52,6 @@ class Outputs:
         ):
             publisher = transport.advertise(topic, type_name, qos)
             self._channels[name] = transport.full_name(topic), type_name, publisher
-        self._cmd_vel = topics.cmd_vel
         self._plan: object = None
         self._map_shown = self._told = float("-inf")
         self._action = ""
@@ -62,8 +59,10 @@ class Outputs:
 
     @property
     def publishers_of_commands(self) -> int:
-        """Number of publishers of the command's topic that are known, with this one."""
-        return sum(not endpoint.is_own for endpoint in self._transport.publishers(self._cmd_vel)) + 1
+        """Number of publishers of the command's topic that are known, with this one; 1 where others are welcome."""
+        if not self._base.commands_are_ours:
+            return 1
+        return sum(not endpoint.is_own for endpoint in self._transport.publishers(self._base.command_topic)) + 1
 
     def command(self, command: VelocityCommand, stamp: int) -> None:
         """Publish a command.
@@ -72,10 +71,7 @@ class Outputs:
             command: The command.
             stamp: Stamp of the newest reading that it answers [ns].
         """
-        self._publish(
-            "command",
-            twist_stamped_message(command, stamp, self._frames) if self._stamped else twist_message(command),
-        )
+        self._publish("command", self._base.command_message(command, stamp))
 
     def farewell(self, stamp: int) -> None:
         """Publish zero commands, and see that they arrive."""

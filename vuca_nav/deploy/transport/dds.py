@@ -317,7 +317,8 @@ def _dds_qos(qos: Qos, userdata: bytes) -> DdsQos:
 
 def _why(network: NetworkConfig, error: DDSException) -> str:
     where = network.interface or "loopback"
-    return (
-        f"cannot join ROS domain {network.domain} on {where}: {error} "
-        f"(is the interface up, and has this machine fewer than {MOST_PARTICIPANTS} participants in it?)"
-    )
+    if network.extra is not None:
+        look = "look at CYCLONEDDS_URI, whose faults stand above; DDS Security is not in the wheels of Cyclone DDS"
+    else:
+        look = f"is the interface up, and has this machine fewer than {MOST_PARTICIPANTS} participants in it?"
+    return f"cannot join ROS domain {network.domain} on {where}: {error} ({look})"

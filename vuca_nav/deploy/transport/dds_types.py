@@ -14,7 +14,7 @@ from vuca_nav.deploy.transport.ros_types import WRAPPED, FieldType, fields_of
 
 _PRIMITIVES: dict[str, Any] = {
     "bool": bool,
-    "byte": idl.uint8,
+    "byte": idl.byte,
     "char": idl.uint8,
     "string": str,
     "float32": idl.float32,

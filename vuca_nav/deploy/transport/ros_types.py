@@ -46,6 +46,23 @@ _MESSAGES = {
     ),
     "action_msgs/srv/CancelGoal_Response": "int8 return_code\naction_msgs/GoalInfo[] goals_canceling",
 }
+_UNITREE = {
+    "unitree_api/msg/RequestIdentity": "int64 id\nint64 api_id",
+    "unitree_api/msg/RequestLease": "int64 id",
+    "unitree_api/msg/RequestPolicy": "int32 priority\nbool noreply",
+    "unitree_api/msg/RequestHeader": "RequestIdentity identity\nRequestLease lease\nRequestPolicy policy",
+    "unitree_api/msg/Request": "RequestHeader header\nstring parameter\nuint8[] binary",
+    "unitree_go/msg/TimeSpec": "int32 sec\nuint32 nanosec",
+    "unitree_go/msg/IMUState": (
+        "float32[4] quaternion\nfloat32[3] gyroscope\nfloat32[3] accelerometer\nfloat32[3] rpy\nint8 temperature"
+    ),
+    "unitree_go/msg/SportModeState": (
+        "TimeSpec stamp\nuint32 error_code\nIMUState imu_state\nuint8 mode\nfloat32 progress\nuint8 gait_type\n"
+        "float32 foot_raise_height\nfloat32[3] position\nfloat32 body_height\nfloat32[3] velocity\nfloat32 yaw_speed\n"
+        "float32[4] range_obstacle\nint16[4] foot_force\nfloat32[12] foot_position_body\nfloat32[12] foot_speed_body"
+    ),
+}
+"""Types of a Go2's own services, after Unitree's published interface; the quaternion is w, x, y, z."""
 _ACTIONS = ("nav2_msgs/action/NavigateToPose",)
 _SERVICES = ("action_msgs/srv/CancelGoal",)
 
@@ -157,7 +174,7 @@ def _store() -> Any:
             for name, kind in store.fielddefs["service_msgs/msg/ServiceEventInfo"][1]
         ],
     )
-    definitions = dict(_MESSAGES)
+    definitions = _MESSAGES | _UNITREE
     services = list(_SERVICES)
     for action in _ACTIONS:
         goal_id = "unique_identifier_msgs/UUID goal_id"
