@@ -163,15 +163,22 @@ class SafetyLayer:
                 self._measured = self._odometry_check.check(odometry)
             except BadArgument as error:
                 return [Reason("odometry_invalid", str(error))]
-            poses = self._poses
-            if not poses or odometry.stamp > poses[-1][0]:
-                poses.append((odometry.stamp, self._measured.odom_from_base))
-            while poses[0][0] < odometry.stamp - _REMEMBERED:
-                poses.popleft()
+            self._remember(odometry.stamp, self._measured.odom_from_base)
         reasons = [*self._frozen_odometry.check(odometry, tick.odometry_received, self._limits.reached)]
         if self._measured is not None and self._measured.fault is not None:
             reasons.append(Reason("odometry_invalid", self._measured.fault))
         return reasons
+
+    def _remember(self, stamp: float, odom_from_base: Pose2) -> None:
+        """Note where the body was; after a jump of the stamps back, from there on."""
+        poses = self._poses
+        if not math.isfinite(stamp):
+            return
+        if poses and stamp < poses[-1][0]:
+            poses.clear()
+        poses.append((stamp, odom_from_base))
+        while poses[0][0] < stamp - _REMEMBERED:
+            poses.popleft()
 
     def _take_scan(self, scan: Scan, tick: Tick) -> list[Reason]:
         if scan is not self._scan:

@@ -1,6 +1,7 @@
 """The safety layer as a whole: when a command passes, and how soon a fault makes it zero."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -67,3 +68,39 @@ def test_a_command_that_is_not_finite_stops_the_body(command):
     result = layer.step(healthy(2.0), command)
     assert result.command == STOP
     assert [reason.name for reason in result.state.reasons] == ["command_invalid"]
+
+
+def test_a_turn_back_begins_at_rest_at_the_earliest():
+    layer = SafetyLayer(BODY, LIDAR)
+    ticks(layer, 0, 60)
+    backwards = VelocityCommand(-0.3, 0.0, 0.0)
+    given = [layer.step(healthy(2.0 + k / 30.0), backwards).command.v_x for k in range(30)]
+    reached = 0.5
+    for v_x in given:
+        assert v_x >= min(reached - 1 / 30.0, 0.0) - 1e-9
+        reached += min(max(v_x - reached, -1 / 30.0), 1 / 30.0)
+    assert given[0] == 0.0
+    assert given[-1] == pytest.approx(-0.3)
+
+
+def test_stamps_that_are_not_finite_stop_the_body_until_they_are():
+    layer = SafetyLayer(BODY, LIDAR)
+    ticks(layer, 0, 60)
+    for field in ("scan", "odometry"):
+        for k in range(5):
+            tick = healthy(2.0 + k / 30.0)
+            broken = tick._replace(**{field: replace(getattr(tick, field), stamp=math.nan)})
+            result = layer.step(broken, FORWARD)
+            assert result.command == STOP
+            assert f"{field}_time" in {reason.name for reason in result.state.reasons}
+            assert dict(layer.values())["action"] == "fault"
+        layer.reset()
+        assert ticks(layer, 90, 60)[-1].command == FORWARD
+
+
+def test_the_diagnostics_say_how_near_the_body_is():
+    layer = SafetyLayer(BODY, LIDAR)
+    ticks(layer, 0, 40)
+    values = dict(layer.values())
+    assert float(values["clearance [m]"]) == pytest.approx(5.0 - math.hypot(0.3, 0.2), abs=0.03)
+    assert values["publishers"] == "1"
