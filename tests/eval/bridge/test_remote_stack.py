@@ -6,8 +6,8 @@ import pytest
 from eval.bridge.remote_stack import FIRST_STAMP, Lockstep, PaceConfig, RealTime, RemoteStack, StackSilent
 from eval.bridge.robot_wire import RobotWire
 from robots.registry import make_body
-from tests.eval.bridge.loopback import Network
 from tests.eval.bridge.other_side import OtherSide
+from tests.vuca_nav.deploy.loopback import Network
 from vuca_nav.errors import BadArgument
 from vuca_nav.mapping.grid import GridConfig, OccupancyGrid
 from vuca_nav.types import STOP, Odometry, Pose2, Scan, Twist2, VelocityCommand

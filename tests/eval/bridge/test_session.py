@@ -10,8 +10,8 @@ from eval.bridge.session import BridgedEpisode, drive_all, wait_for_stack
 from eval.episode import Episode, EpisodeConfig
 from eval.metrics import TIMING_FIELDS
 from robots.registry import make_body
-from tests.eval.bridge.loopback import Network
 from tests.eval.bridge.other_side import OtherSide
+from tests.vuca_nav.deploy.loopback import Network
 from vuca_nav.telemetry.interface import Telemetry
 
 SCENE = """

@@ -57,16 +57,17 @@ class Inputs:
         self.clock: int | None = None
         self.is_stopped = False
         self._first: Any = None
+        self._new_odometry: SensedOdometry | None = None
         self._up: tuple[float, float, float] | None = None
         self._up_received = float("-inf")
         self._goal: Pose2 | None = None
         self._start: tuple[Pose2, int] | None = None
         self._static = StaticTransforms()
         topics = robot.topics
-        listen = [  # readings first: what was sent before a reading is then there with it
+        listen = [  # readings first: what was sent before a reading is then there with it, an IMU's before odometry too
             (topics.scan, "sensor_msgs/msg/LaserScan", SENSOR, self._take_scan),
-            (topics.imu, "sensor_msgs/msg/Imu", SENSOR, self._take_imu),
             (base.odometry_topic, base.odometry_type, _ODOMETRY, self._take_odometry),
+            (topics.imu, "sensor_msgs/msg/Imu", SENSOR, self._take_imu),
             ("/tf_static", "tf2_msgs/msg/TFMessage", STATIC_TRANSFORMS, self._take_transforms),
             (topics.initial_pose, "geometry_msgs/msg/PoseWithCovarianceStamped", RELIABLE, self._take_start),
             (topics.goal, "geometry_msgs/msg/PoseStamped", RELIABLE, self._take_goal),
@@ -89,6 +90,10 @@ class Inputs:
                     use(received.message, number)
                 except Refused as error:
                     self._transport.refusals.add(topic, str(error))
+        if self._new_odometry is not None:
+            up = self._up if self.odometry_received - self._up_received < IMU_AGE else None
+            self.odometry = self._new_odometry if up is None else self._new_odometry._replace(up=up)
+            self._new_odometry = None
 
     def take_goal(self) -> Pose2 | None:
         """The goal that has come since the last call, if one has."""
@@ -144,10 +149,8 @@ class Inputs:
         self._up_received = time.monotonic()
 
     def _take_odometry(self, message: Any, _: int) -> None:
-        now = time.monotonic()
-        up = self._up if now - self._up_received < IMU_AGE else None
-        self.odometry = self._base.odometry(message, up)
-        self.odometry_received = now
+        self._new_odometry = self._base.odometry(message, None)
+        self.odometry_received = time.monotonic()
 
     def _take_start(self, message: Any, _: int) -> None:
         pose = pose_of(message.header, message.pose.pose, self._robot.frames.map)
