@@ -45,7 +45,7 @@ def bridge(argv: list[str]) -> int:
     @contextmanager
     def find_stack() -> Iterator[RemoteStack]:
         with DdsTransport(network, ros) as transport:
-            wire = RobotWire(transport, body, WireConfig(stamped=arguments.cmd_vel == "stamped"))
+            wire = RobotWire(transport, body, WireConfig(arguments.cmd_vel == "stamped", arguments.action))
             wait_for_stack(wire, arguments.timeout)
             yield RemoteStack(wire, make_pace(pace), arguments.warm_up)
 

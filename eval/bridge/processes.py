@@ -15,6 +15,8 @@ from vuca_nav.errors import VucaError
 
 PATIENCE = 10.0
 """Time in which a process has to end after SIGTERM [s]; a loaded machine is slow."""
+SIMULATED_CLOCK = ("--ros-args", "-p", "use_sim_time:=true")
+"""Options by which a node takes its time from the topic clock."""
 _DOMAINS = 100
 """Number of ROS domains to choose from: their ports are below those that systems give away."""
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from eval.analysis.report.tables import Column, Table, Value, markdown
 from eval.analysis.statistics import mcnemar_exact
-from eval.bridge.processes import IdleLoop
+from eval.bridge.processes import SIMULATED_CLOCK, IdleLoop
 from eval.bridge.remote_stack import TICK_RATE, RealTime, RemoteStack
 from eval.bridge.session import BridgedEpisode
 from eval.bridge.trials import Cell, Deployed, TrialArguments, cells_of, drive_alone, drive_over_the_wire
@@ -71,7 +71,7 @@ def run(arguments: RealTimeArguments) -> None:
                 pace.periods.clear()
                 return row
 
-            deployed = Deployed(cell, arguments, (), pace)
+            deployed = Deployed(cell, arguments, SIMULATED_CLOCK, pace)
             wire = drive_over_the_wire(cell, arguments, deployed, {"real_time_factor": 1.0}, drive)
         lines.append(_line(cell, wire, alone, timings))
     text = "\n".join(markdown(Table("real_time", "Real time over the wire", NOTE, COLUMNS, lines)))

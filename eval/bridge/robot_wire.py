@@ -1,9 +1,12 @@
 """A robot's side of its ROS 2 topics: sensors out, velocity commands in, and what a mission begins with."""
 
 import time
+import uuid
 from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from eval.bridge.messages import (
     clock_message,
@@ -21,10 +24,14 @@ from robots.bodies.body import Body
 from vuca_nav.deploy.messages import map_message, pose_stamped_message
 from vuca_nav.deploy.robot_file import Frames, Topics
 from vuca_nav.deploy.transport.interface import LATCHED, Publisher, Qos, Subscriber, Transport
+from vuca_nav.deploy.transport.ros_types import new
+from vuca_nav.errors import VucaError
 from vuca_nav.mapping.grid import OccupancyGrid
 from vuca_nav.types import Odometry, Pose2, Scan, VelocityCommand
 
 _TRANSFORMS = Qos(depth=100)
+_ACTION = "nav2_msgs/action/NavigateToPose"
+_SEND_GOAL = "navigate_to_pose/_action/send_goal"
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +40,8 @@ class WireConfig:
 
     stamped: bool = True
     """Whether commands are TwistStamped; otherwise Twist, which cannot say which scan it answers."""
+    action: bool = False
+    """Whether goals are sent by the action navigate_to_pose; otherwise on the topic for goals."""
     frames: Frames = field(default_factory=Frames)
     topics: Topics = field(default_factory=Topics)
 
@@ -66,6 +75,10 @@ class Command(NamedTuple):
     """Number of its publisher."""
 
 
+class GoalRefused(VucaError):
+    """The stack does not take the goal."""
+
+
 class RobotWire:
     """Publishes what a robot's drivers publish, and hears what they hear.
 
@@ -96,6 +109,7 @@ class RobotWire:
         self._imu = advertise(topics.imu, "sensor_msgs/msg/Imu")
         self._initial_pose = advertise(topics.initial_pose, "geometry_msgs/msg/PoseWithCovarianceStamped")
         self._goal = advertise(topics.goal, "geometry_msgs/msg/PoseStamped")
+        self._action = transport.client(_SEND_GOAL, f"{_ACTION}_SendGoal") if config.action else None
         self._map_topic = topics.map
         self._map: Publisher | None = None  # only where the map is known: others publish it otherwise
         twist = "geometry_msgs/msg/TwistStamped" if config.stamped else "geometry_msgs/msg/Twist"
@@ -103,14 +117,12 @@ class RobotWire:
         self._transforms = transport.subscribe("/tf", "tf2_msgs/msg/TFMessage", _TRANSFORMS)
         self._tf_static.publish(mount_transform(body.lidar, body.lidar.height - body.base_height, 0, self._frames))
 
-    def missing(self, needs_goal: bool = True) -> list[str]:
-        """What the other side still lacks to drive the robot, as phrases for a message.
-
-        Args:
-            needs_goal: Whether it has to hear ``goal_pose``.
-        """
-        heard = {"scan": self._scan, "odom": self._odom} | ({"goal_pose": self._goal} if needs_goal else {})
+    def missing(self) -> list[str]:
+        """What the other side still lacks to drive the robot, as phrases for a message."""
+        heard = {"scan": self._scan, "odom": self._odom} | ({"goal_pose": self._goal} if self._action is None else {})
         lacks = [f"nobody subscribes to {topic}" for topic, publisher in heard.items() if not publisher.subscribers]
+        if self._action is not None and not self._action.is_served:
+            lacks.append("nobody serves the action navigate_to_pose")
         if not self._commands.publishers:
             lacks.append(f"nobody publishes cmd_vel as {'TwistStamped' if self._stamped else 'Twist'}")
         return lacks
@@ -138,8 +150,14 @@ class RobotWire:
         self._initial_pose.publish(initial_pose_message(start, stamp, self._frames))
 
     def send_goal(self, goal: tuple[float, float], stamp: int) -> None:
-        """Publish a goal in the map [m]."""
-        self._goal.publish(pose_stamped_message(Pose2(*goal, 0.0), stamp, self._frames.map))
+        """Send a goal in the map [m]."""
+        pose = pose_stamped_message(Pose2(*goal, 0.0), stamp, self._frames.map)
+        if self._action is None:
+            self._goal.publish(pose)
+            return
+        identity = new("unique_identifier_msgs/msg/UUID", uuid=np.frombuffer(uuid.uuid4().bytes, np.uint8))
+        request = new(f"{_ACTION}_SendGoal_Request", goal_id=identity, goal=new(f"{_ACTION}_Goal", pose=pose))
+        self._action.call(request)
 
     def publish_map(self, grid: OccupancyGrid, stamp: int) -> None:
         """Publish the map, as a map server does."""
@@ -152,7 +170,14 @@ class RobotWire:
         self._transport.wait(timeout)
 
     def take(self) -> list[Command]:
-        """The commands that have arrived since the last call, oldest first; takes in transforms as well."""
+        """The commands that have arrived since the last call, oldest first; takes in transforms as well.
+
+        Raises:
+            GoalRefused: If the action's server has refused a goal.
+        """
+        for _, response in () if self._action is None else self._action.take():
+            if not response.accepted:
+                raise GoalRefused("the server of navigate_to_pose has refused the goal; its log says why")
         for received in self._transforms.take():
             found = transform_of(received.message, self._frames.map, self._frames.odom)
             if found is not None:
