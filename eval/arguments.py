@@ -136,10 +136,13 @@ class ListArguments:
 class EvalArguments(MonitorArguments, OptionArguments, DialArguments):
     """Run a suite of episodes on all cores; run it again, and it goes on where it was."""
 
-    suite: tyro.conf.Positional[str]
-    """A suite's name (see vuca list suites)."""
+    suite: Annotated[tyro.conf.Positional[str | None], _optional("SUITE")] = None
+    """A suite's name (see vuca list suites); none with --tasks."""
     out: Path
     """Directory of the results."""
+    tasks: Annotated[Path | None, _optional("FILE")] = None
+    """Run these tasks instead: a file of tasks, or a folder of worlds, each with its own task
+    (docs/your-own-map.md)."""
     robot: Annotated[str | None, _optional("NAME,...")] = None
     """Robots, instead of the suite's own (see vuca list robots), or mjcf:robot.yaml of your own
     (docs/your-own-robot.md)."""

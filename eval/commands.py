@@ -80,29 +80,39 @@ def eval_(argv: list[str]) -> int:
     arguments = parse(EvalArguments, "eval", argv)
     if arguments.workers is not None and arguments.workers < 1:
         raise BadArgument(f"--workers must be 1 or more, got {arguments.workers}")
-    from eval.analysis.summary import table
+    if (arguments.suite is None) == (arguments.tasks is None):
+        raise BadArgument("give the name of a suite (see vuca list suites), or --tasks FILE, and not both")
+    from eval.analysis.summary import by_driver, table
     from eval.evaluate import evaluate
     from eval.methods import identity_of, resolve
     from eval.recordings import record_failures
+    from eval.runner import run_one
     from eval.suites import choose, episodes_of, find_suite, parse_seeds, turn_dials
+    from eval.tasks.job import files_of, job_of, note, suite_of
+    from eval.tasks.reading import read_tasks
 
     methods, robots = _listed("--method", arguments.method), _listed("--robot", arguments.robot)
     for method in methods or ():
         _check_trust(method, arguments)
     for robot in robots or ():
         _check_robot_trust(robot, arguments)
-    suite = turn_dials(find_suite(arguments.suite), **arguments.dials())
-    suite = choose(suite, methods, robots, options_of(arguments))
+    if arguments.tasks is None:
+        tasks, suite, title = None, find_suite(arguments.suite or ""), arguments.suite
+    else:
+        tasks = read_tasks(arguments.tasks)
+        suite, title = suite_of(arguments.tasks, tasks), f"tasks of {arguments.tasks.name}"
+    suite = choose(turn_dials(suite, **arguments.dials()), methods, robots, options_of(arguments))
     seeds = suite.seeds if arguments.seeds is None else parse_seeds(arguments.seeds)
-    configs = episodes_of(suite, seeds=seeds, limit=arguments.episodes)
+    configs = episodes_of(suite, seeds=seeds, limit=arguments.episodes, trust=arguments.trust)
     identity = {
-        "suite": arguments.suite,
+        "suite": title,
         "robots": list(suite.robots),
         "methods": [str(driver) for driver in suite.drivers],
         "configurations": {str(driver): identity_of(resolve(*driver)) for driver in suite.drivers},
         "seeds": [seeds.start, seeds.stop],
         "episodes": len(configs),
-        "tasks": [asdict(task) for task in suite.tasks],
+        "tasks": [asdict(task) for task in suite.tasks] if tasks is None else note(tasks),
+        **({} if tasks is None else {"files": files_of(tasks)}),
     }
     runner = None
     if arguments.backend == "ray":
@@ -110,8 +120,11 @@ def eval_(argv: list[str]) -> int:
 
         from eval.ray_runner import run_on_ray as runner
     command = shlex.join(["vuca", "eval", *argv])
-    evaluation = evaluate(identity, configs, arguments.out, workers=arguments.workers, command=command, run=runner)
-    show(table(evaluation.groups, evaluation.total))
+    job = run_one if tasks is None else job_of(tasks)
+    evaluation = evaluate(
+        identity, configs, arguments.out, workers=arguments.workers, command=command, job=job, run=runner
+    )
+    show(table(evaluation.groups if tasks is None else by_driver(evaluation.rows, str(title)), evaluation.total))
     print(f"rows and summary: {arguments.out}", file=sys.stderr)
     crashes = list(evaluation.crashes)
     if arguments.record:

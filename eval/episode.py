@@ -28,12 +28,14 @@ from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import Odometry, Scan
 from vuca_nav.wire import round_pose
 from worlds.checks import check_task
-from worlds.importers.sources import Bringing
+from worlds.importers.sources import Bringing, with_task
 from worlds.registry import make_world, ordered_difficulties
 from worlds.world import World
 
 Outcome = Literal["success", "collision", "fall", "timeout"]
 OUTCOMES: tuple[Outcome, ...] = ("success", "collision", "fall", "timeout")
+REFUSED = "refused"
+"""The outcome of a task that cannot be run: a row says why, and the evaluation goes on."""
 MOVED = 0.1
 """Distance from the start from which on the robot has moved [m], as in BARN."""
 Progress = Callable[[float, float], None]
@@ -138,6 +140,8 @@ class EpisodeResult:
     """Distance from the goal within which it counted as reached [m]."""
     judged_time_limit: float
     """Time limit of the mission [s]."""
+    judged_by_motion: bool
+    """Whether the time limit counted from the robot's first motion."""
     moved_after: float | None
     """Simulated time at which the robot had moved 0.1 m; None if it never did [s]."""
     way: str | None
@@ -269,6 +273,7 @@ class Episode:
             monitor_ticks=dict(navigator.actions) if isinstance(navigator, Monitored) else None,
             judged_tolerance=self.world.tolerance,
             judged_time_limit=self.timeout,
+            judged_by_motion=self.world.starts_on_motion,
             moved_after=self._moved_after,
             way=way,
             arithmetic=fingerprint(),
@@ -335,6 +340,7 @@ def bringing_of(config: EpisodeConfig) -> Bringing:
 
 def _make_task(config: EpisodeConfig, body: Body) -> World:
     """The world with the start and the goal that are asked for; the start's yaw as a message carries it."""
+    bringing = bringing_of(config)
     world = make_world(
         config.world,
         config.seed,
@@ -345,8 +351,9 @@ def _make_task(config: EpisodeConfig, body: Body) -> World:
         without=config.without,
         footprint_radius=body.spec.radius,
         height=body.height,
-        bringing=bringing_of(config),
+        bringing=bringing,
     )
+    world = with_task(world, bringing)
     start = world.start
     if abs(start.yaw) > math.pi:
         start = start._replace(yaw=wrap_angle(start.yaw))

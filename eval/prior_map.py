@@ -23,9 +23,10 @@ def rasterise(world: World, height: float = TALLEST) -> OccupancyGrid:
     clearance = clearance_field(world.below(height), world.bounds, grid.resolution, grid.resolution, world.open_borders)
     level = np.where(clearance.distance <= 0.5 * grid.resolution, 1, -1).astype(np.int8)
     if world.grid is not None and world.grid.unknown:
-        rows, columns = np.indices(level.shape)
-        xs = clearance.origin[0] + (columns + 0.5) * grid.resolution
-        ys = clearance.origin[1] + (rows + 0.5) * grid.resolution
+        xs, ys = np.meshgrid(
+            clearance.origin[0] + (np.arange(level.shape[1]) + 0.5) * grid.resolution,
+            clearance.origin[1] + (np.arange(level.shape[0]) + 0.5) * grid.resolution,
+        )
         level[(level < 0) & world.grid.is_in(world.grid.unknown, xs, ys)] = 0
     grid.fill(level, clearance.origin)
     return grid

@@ -13,7 +13,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from eval.analysis.summary import dials_in_words
-from eval.episode import EpisodeConfig, run_episode
+from eval.episode import REFUSED, EpisodeConfig, run_episode
 from eval.evaluate import pause_of_progress
 from eval.methods import title_of
 from eval.metrics import TIMING_FIELDS
@@ -40,7 +40,7 @@ def record_failures(
     Raises:
         BadArgument: The directory cannot be written.
     """
-    failed = {key_of(row): row for row in rows if row["outcome"] != "success"}
+    failed = {key_of(row): row for row in rows if row["outcome"] not in ("success", REFUSED)}
     todo = [c for c in configs if key_of(c.row()) in failed and not (out / file_name(c.row())).exists()]
     if not todo:
         return []

@@ -23,6 +23,18 @@ class Task:
     """Factor on the movers' speeds."""
     sighted: float | None = None
     """Share of the movers that see the robot; None: as the world has it."""
+    start: tuple[float, float, float] | None = None
+    """Start instead of the world's own: x [m], y [m], yaw [rad]."""
+    goal: tuple[float, float] | None = None
+    """Goal instead of the world's own [m]."""
+    tolerance: float | None = None
+    """Distance from the goal within which it counts as reached, instead of the world's own [m]."""
+    time_limit: float | None = None
+    """Time limit instead of the world's own [s]."""
+    obstacles: str | None = None
+    """``tracks:FILE``: recorded people in the world besides."""
+    unknown: str | None = None
+    """What a map's unknown cells are."""
 
 
 class Driver(NamedTuple):
@@ -188,7 +200,10 @@ def turn_dials(suite: Suite, *, movers: int | None = None, speed: float = 1.0, s
         if sighted is not None:
             task = replace(task, sighted=sighted)
         tasks.append(replace(task, speed=speed * task.speed))
-        check_options(**asdict(tasks[-1]))
+        check_options(
+            task.world, region=task.region, movers=task.movers, speed=tasks[-1].speed, sighted=task.sighted,
+            without=task.without,
+        )  # fmt: skip
     return replace(suite, tasks=tuple(tasks))
 
 
@@ -249,7 +264,7 @@ def choose(
 
 
 def episodes_of(
-    suite: Suite, *, seeds: Iterable[int] | None = None, limit: int | None = None
+    suite: Suite, *, seeds: Iterable[int] | None = None, limit: int | None = None, trust: bool = False
 ) -> tuple[EpisodeConfig, ...]:
     """All episodes of a suite, the first seed of every cell before the second.
 
@@ -257,6 +272,7 @@ def episodes_of(
         suite: The suite to run.
         seeds: Seeds instead of the suite's own.
         limit: Greatest number of episodes, the first ones.
+        trust: Whether motions of the user's own, in scene files, may be run.
 
     Raises:
         BadArgument: The limit is not positive.
@@ -264,7 +280,7 @@ def episodes_of(
     if limit is not None and limit < 1:
         raise BadArgument(f"--episodes must be 1 or more, got {limit}")
     every = tuple(
-        EpisodeConfig(**asdict(task), robot=robot, method=driver.method, seed=seed, options=driver.options)
+        EpisodeConfig(**asdict(task), robot=robot, method=driver.method, seed=seed, options=driver.options, trust=trust)
         for seed in (suite.seeds if seeds is None else seeds)
         for task in suite.tasks
         for robot in suite.robots

@@ -7,6 +7,7 @@ in several tasks, as with 8 and with 40 movers, are one observation of ``all``
 """
 
 import json
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -16,16 +17,19 @@ import numpy as np
 from eval.analysis.statistics import mcnemar_exact, paired_difference
 from eval.analysis.summary import dials_in_words
 from eval.checked import ROW_KINDS, check_values
-from eval.episode import OUTCOMES
+from eval.episode import OUTCOMES, REFUSED
 from eval.kept import name_of, read_lines
 from eval.methods import title_of
 from eval.store import Row
 from vuca_nav.data_files import parse_json, shown
 from vuca_nav.errors import BadArgument
 
-EPISODE = ("world", "region", "movers", "speed", "sighted", "without", "robot", "start", "goal", "seed")
+EPISODE = (
+    "world", "region", "movers", "speed", "sighted", "without", "robot", "start", "goal", "seed",
+    "tolerance", "time_limit", "obstacles", "unknown",
+)  # fmt: skip
 """The fields of a row that make two rows the same episode."""
-_ADDED_LATER = {"speed": 1.0, "sighted": None}
+_ADDED_LATER = {"speed": 1.0, **dict.fromkeys(("sighted", "tolerance", "time_limit", "obstacles", "unknown"))}
 """Fields that older evaluations do not have, and what they mean by that."""
 
 
@@ -86,6 +90,10 @@ def read_rows(source: Path, seeds: range | None = None) -> list[Row]:
             raise BadArgument(f"{wrong}: line {number}: {', '.join(missing)} missing")
         if seeds is None or row["seed"] in seeds:
             rows.append(row)
+    refused = sum(row["outcome"] == REFUSED for row in rows)
+    if refused:
+        print(f"{place}: {refused} tasks that were refused are left out", file=sys.stderr)
+        rows = [row for row in rows if row["outcome"] != REFUSED]
     if not rows:
         raise BadArgument(f"{place} has no episodes{'' if seeds is None else ' of these seeds'}")
     return rows

@@ -8,7 +8,7 @@ from dataclasses import fields
 from eval.analysis.statistics import mean, wilson_interval
 from eval.checked import is_number
 from eval.contact import CONTACT_CLASSES
-from eval.episode import ADDED_FIELDS, OUTCOMES
+from eval.episode import ADDED_FIELDS, OUTCOMES, REFUSED
 from eval.failure import FAILURE_CLASSES
 from eval.methods import MethodOptions, title_of
 from eval.store import Row
@@ -35,6 +35,8 @@ _COLUMNS = (
     ("way m", "path_length", 1),
     ("m/coll.", "way_per_collision", 0),
     ("SPL", "spl", 3),
+    ("score", "score", 4),
+    ("refused", "refused", 0),
     ("ARSPS", "arsps", 4),
     ("ANSPS", "ansps", 6),
     ("SLAM ATE", "slam_ate", 3),
@@ -43,12 +45,15 @@ _COLUMNS = (
     ("final", "odometry_final_error", 3),
     ("RTF", "real_time_factor", 1),
 )
+_ANYWHERE = {"region": None, "without": "", "movers": None, "speed": 1.0, "sighted": None}
+OPTIONAL = ("score", "refused")
+"""Columns that are left out where no row has them."""
 
 
 def is_result(row: Row) -> bool:
     """Whether a row has all the fields that a summary needs."""
     return (
-        row.get("outcome") in OUTCOMES
+        row.get("outcome") in (*OUTCOMES, REFUSED)
         and all(name in row and (row[name] is None or is_number(row[name])) for name in MEANS)
         and all(name in row for name in GROUP_BY if name not in ADDED_FIELDS)
     )
@@ -63,13 +68,27 @@ def summarise(rows: Sequence[Row]) -> list[Row]:
     return [{**dict(zip(GROUP_BY, key)), **statistics_of(members)} for key, members in ordered]
 
 
+def by_driver(rows: Sequence[Row], place: str) -> list[Row]:
+    """A summary for each robot and method, over all tasks together.
+
+    Args:
+        rows: Rows of an evaluation.
+        place: Name of all tasks together.
+    """
+    return summarise([{**row, **_ANYWHERE, "world": place} for row in rows])
+
+
 def statistics_of(rows: Sequence[Row]) -> Row:
     """Rates and means of some rows; no rows give rates of None and the interval [0, 1].
 
     ``contacts`` counts the contacts of each class, and those in which the robot itself closed in; ``failures`` the
     classes of missions that did not arrive without one. ``way_per_collision`` is the way of all episodes together over
-    the number of collisions [m], None if there is none.
+    the number of collisions [m], None if there is none. Refused tasks are counted as ``refused`` and in nothing else;
+    ``score`` is the mean of the tasks' own score, if they have one.
     """
+    refused = sum(row["outcome"] == REFUSED for row in rows)
+    rows = [row for row in rows if row["outcome"] != REFUSED]
+    scores = [row["score"] for row in rows if row.get("score") is not None]
     n = len(rows)
     counts = {outcome: sum(row["outcome"] == outcome for row in rows) for outcome in OUTCOMES}
     rates = {
@@ -95,6 +114,8 @@ def statistics_of(rows: Sequence[Row]) -> Row:
         "ways": ways,
         **{name: mean(row[name] for row in rows) for name in MEANS},
         "way_per_collision": way / collisions if collisions else None,
+        **({"refused": refused} if refused else {}),
+        **({"score": mean(scores)} if scores else {}),
     }
 
 
@@ -103,10 +124,11 @@ def table(groups: Sequence[Row], total: Row) -> str:
 
     ``m/coll.`` is the way for each collision.
     """
-    header = ["episodes", "n", *OUTCOMES, "own", *(title for title, _, _ in _COLUMNS)]
+    columns = [column for column in _COLUMNS if column[1] not in OPTIONAL or column[1] in total]
+    header = ["episodes", "n", *OUTCOMES, "own", *(title for title, _, _ in columns)]
     lines = [header]
     for title, group in [*((_title(group), group) for group in groups), ("all", total)]:
-        means = ("-" if group[name] is None else f"{group[name]:.{digits}f}" for _, name, digits in _COLUMNS)
+        means = ("-" if group.get(name) is None else f"{group[name]:.{digits}f}" for _, name, digits in columns)
         lines.append([title, str(group["n"]), *(_rate(group[o]) for o in OUTCOMES), _own(group), *means])
     widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
     return "\n".join(

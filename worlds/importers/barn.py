@@ -57,6 +57,19 @@ def load_dynabarn(path: str | Path) -> World:
     return world
 
 
+def optimal_length(path: str | Path) -> float | None:
+    """Length of the optimal way that a world's JSON states [m]; None if it states none.
+
+    Raises:
+        BadWorld: The file cannot be read, or the number is out of range.
+    """
+    top = Fields(str(path), read_json(path, BadWorld))
+    for name in ("optimal_path_length_m", "straight_line_m"):
+        if name in top:
+            return top.number(name, 1e-3)
+    return None
+
+
 class _Task(NamedTuple):
     start: Pose2
     goal: tuple[float, float]

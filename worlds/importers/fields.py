@@ -61,6 +61,25 @@ class Fields:
         """So many numbers."""
         return self._row(self._at(name), self._value(name), count, high)
 
+    def listed(self, name: str, least: int, most: int) -> tuple[float, ...]:
+        """A list of numbers, from ``least`` to ``most`` of them."""
+        value = self._value(name)
+        if not isinstance(value, list) or not least <= len(value) <= most:
+            raise self.error(name, f"{shown(repr(value))} is not a list of {least} to {most} numbers")
+        return self._row(self._at(name), value, len(value), FARTHEST)
+
+    def mapping(self, name: str) -> "Fields":
+        """A mapping within."""
+        return Fields(self.source, self._value(name), self._at(name))
+
+    def only(self, names: Sequence[str]) -> None:
+        """Refuse fields of other names."""
+        unknown = [name for name in self._content if name not in names]
+        if unknown:
+            raise BadField(
+                self.source, self.path, f"unknown field {shown(unknown[0])}; its fields are {', '.join(names)}"
+            )
+
     def rows(self, name: str, count: int, most: int, high: float = FARTHEST) -> list[tuple[float, ...]]:
         """A list of at most so many lists, each of so many numbers; an empty one if the field is not there."""
         if name not in self:

@@ -9,14 +9,14 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from vuca_nav.data_files import read_bytes, shown
-from vuca_nav.errors import BadWorld
+from vuca_nav.errors import BadWorld, UnknownName
 from vuca_nav.geometry import wrap_angle
 from vuca_nav.types import Pose2
 from vuca_nav.yaml_file import Document, read_yaml
@@ -26,9 +26,8 @@ from worlds.importers.tasks_of_maps import longest_way
 from worlds.wall_grid import WallGrid, rectangles_of
 from worlds.world import Box, Obstacle, World, walls_of
 
-Unknown = Literal["solid", "free", "unknown"]
-"""What unknown cells are: walls, free floor, or free floor that a map given to the robot leaves unknown."""
-UNKNOWNS: tuple[Unknown, ...] = ("solid", "free", "unknown")
+UNKNOWNS = ("solid", "free", "unknown")
+"""What unknown cells may be: walls, free floor, or free floor that a map given to the robot leaves unknown."""
 OCCUPIED, FREE, UNKNOWN = 1, 0, 2
 """Values of cells."""
 MODES = ("trinary", "scale", "raw")
@@ -106,18 +105,21 @@ def _read(path: Path, document: Document) -> CellMap:
     )
 
 
-def load_map(path: str | Path, unknown: Unknown = "solid", task: Task | None = None) -> World:
+def load_map(path: str | Path, unknown: str = "solid", task: Task | None = None) -> World:
     """The world of an occupancy map: a wall where a cell is occupied, none where it is free.
 
     Args:
         path: The map's YAML file.
-        unknown: What unknown cells are. Where they are solid, the map is fenced in: beyond it all is unknown, too.
-            Otherwise its borders are open.
+        unknown: What unknown cells are, one of ``UNKNOWNS``. Where they are solid, the map is fenced in, for all
+            beyond it is unknown, too. Otherwise its borders are open.
         task: Start and goal; None for the longest way that there is between two places.
 
     Raises:
+        UnknownName: Unknown cells are to be something else.
         BadWorld: As by :func:`read_map`; the map has too many walls, or no free place for a task.
     """
+    if unknown not in UNKNOWNS:
+        raise UnknownName("kind of unknown cells", unknown, UNKNOWNS)
     found = read_map(path)
     solid = found.cells == OCCUPIED
     if unknown == "solid":
@@ -185,7 +187,7 @@ def _image_path(path: Path, fields: Fields) -> Path:
     return image
 
 
-def _pixels(path: Path, resolution: float) -> tuple[NDArray[np.generic], int]:
+def _pixels(path: Path, resolution: float) -> tuple[NDArray[Any], int]:
     """Grey values, or colours with or without alpha, (rows, columns[, channels]), and their greatest value."""
     content = read_bytes(path, MOST_BYTES, BadWorld)
     wrong = f"{path}: not an image that can be read; PGM or PNG would be right"
@@ -226,7 +228,7 @@ class _Rule(NamedTuple):
     free: float
 
 
-def _classified(pixels: NDArray[np.generic], depth: int, rule: _Rule) -> NDArray[np.uint8]:
+def _classified(pixels: NDArray[Any], depth: int, rule: _Rule) -> NDArray[np.uint8]:
     """Cells by the rule of nav2_map_server, in the image's order."""
     channels = 1 if pixels.ndim == 2 else pixels.shape[2]
     alpha = pixels[..., -1] if channels in (2, 4) else None

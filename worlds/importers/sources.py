@@ -4,9 +4,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from vuca_nav.errors import BadArgument, UnknownName
+from vuca_nav.errors import BadArgument
 from vuca_nav.types import Pose2
 from worlds.importers.barn import load_barn, load_dynabarn
+from worlds.importers.map_lists import load_walkers
 from worlds.importers.scene_file import load_scene
 from worlds.importers.tracks import RADIUS, load_people, load_tracks
 from worlds.world import World
@@ -29,7 +30,7 @@ class Bringing:
     unknown: str = "solid"
     """What a map's unknown cells are: solid, free or unknown."""
     obstacles: str | None = None
-    """``tracks:FILE``: people who walk in it besides."""
+    """``tracks:FILE``: people who walk in it besides; ``keyframes:FILE#TASK``: those of a list of maps."""
     radius: float = RADIUS
     """Radius of recorded people [m]."""
     trust: bool = False
@@ -44,15 +45,12 @@ def _scene(path: str, bringing: Bringing) -> World:
 
 
 def _map(path: str, bringing: Bringing) -> World:
-    from worlds.importers.occupancy_map import UNKNOWNS, Task, load_map
+    from worlds.importers.occupancy_map import Task, load_map
 
-    unknown = next((each for each in UNKNOWNS if each == bringing.unknown), None)
-    if unknown is None:
-        raise UnknownName("kind of unknown cells", bringing.unknown, UNKNOWNS)
     task = None
     if bringing.start is not None and bringing.goal is not None:
         task = Task(Pose2(*bringing.start), bringing.goal)
-    return load_map(path, unknown, task)
+    return load_map(path, bringing.unknown, task)
 
 
 KINDS: dict[str, Callable[[str, Bringing], World]] = {
@@ -123,9 +121,14 @@ def with_people(world: World, bringing: Bringing) -> World:
     if bringing.obstacles is None:
         return world
     kind, colon, path = bringing.obstacles.partition(":")
-    if not colon or kind != "tracks":
+    if colon and kind == "tracks":
+        people = load_people(path, bringing.radius)
+    elif colon and kind == "keyframes" and "#" in path:
+        file, _, task = path.rpartition("#")
+        people = load_walkers(Path(file), task, bringing.radius)
+    else:
         raise BadArgument(f"--obstacles {bringing.obstacles}: tracks:FILE would be right")
-    return replace(world, movers=(*world.movers, *load_people(path, bringing.radius)))
+    return replace(world, movers=(*world.movers, *people))
 
 
 def with_task(world: World, bringing: Bringing) -> World:

@@ -25,7 +25,7 @@ def longest_way(solid: NDArray[np.bool_], resolution: float) -> tuple[tuple[int,
         solid: Solid cells (rows, columns); all beyond them is solid.
         resolution: Side of a cell [m].
     """
-    space = ndimage.distance_transform_edt(~np.pad(solid, 1))[1:-1, 1:-1] * resolution  # type: ignore[index]
+    space = ndimage.distance_transform_edt(~np.pad(solid, 1, constant_values=True))[1:-1, 1:-1] * resolution  # type: ignore[index]
     step = max(1, round(CELL / resolution))
     rows = np.arange(step // 2, solid.shape[0], step)
     columns = np.arange(step // 2, solid.shape[1], step)
@@ -36,7 +36,7 @@ def longest_way(solid: NDArray[np.bool_], resolution: float) -> tuple[tuple[int,
         if not count:
             continue
         largest = labels == 1 + int(np.argmax(np.bincount(labels.ravel())[1:]))
-        cells = np.argwhere(largest)
+        cells: NDArray[np.int64] = np.argwhere(largest)
         graph = _graph(largest)
         ends, length = [0], 0.0
         for _ in range(2):
@@ -44,19 +44,20 @@ def longest_way(solid: NDArray[np.bool_], resolution: float) -> tuple[tuple[int,
             ends.append(int(np.argmax(ways)))
             length = float(ways[ends[-1]]) * step * resolution
         if length >= LEAST:
-            first, last = (cells[end] for end in ends[1:])
-            return (int(rows[first[0]]), int(columns[first[1]])), (int(rows[last[0]]), int(columns[last[1]]))
+            (a, b), (c, d) = cells[ends[1]].tolist(), cells[ends[2]].tolist()
+            return (int(rows[a]), int(columns[b])), (int(rows[c]), int(columns[d]))
     return None
 
 
 def _graph(free: NDArray[np.bool_]) -> sparse.csr_array:
     """Steps between the free cells, to their eight neighbours."""
-    index = np.full(free.shape, -1, np.int64)
+    index: NDArray[np.int64] = np.full(free.shape, -1, np.int64)
     index[free] = np.arange(free.sum())
+    rows, columns = free.shape
     edges = []
     for di, dj in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        a = index[: index.shape[0] - di, max(-dj, 0) : index.shape[1] - max(dj, 0)]
-        b = index[di:, max(dj, 0) : index.shape[1] + min(dj, 0)]
+        a = index[: rows - di, max(-dj, 0) : columns - max(dj, 0)]
+        b = index[di:, max(dj, 0) : columns + min(dj, 0)]
         joined = (a >= 0) & (b >= 0)
         edges.append((a[joined], b[joined], np.full(int(joined.sum()), math.hypot(di, dj))))
     a, b, length = (np.concatenate(each) for each in zip(*edges))

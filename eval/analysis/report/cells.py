@@ -21,7 +21,10 @@ from eval.store import Row, StoredConfig
 from vuca_nav.data_files import shown
 from vuca_nav.errors import BadArgument
 
-TASK = ("world", "region", "without", "movers", "speed", "sighted", "start", "goal")
+TASK = (
+    "world", "region", "without", "movers", "speed", "sighted", "start", "goal", "tolerance", "time_limit",
+    "obstacles", "unknown",
+)  # fmt: skip
 """The fields of a row that say which task it is of."""
 
 
