@@ -7,6 +7,8 @@ from scipy.spatial.transform import Rotation
 from robots.bodies.kinematics import heading_rate
 from robots.locomotion.odometry import LegOdometer
 from robots.noise import NoiseConfig
+from robots.own.body import OwnRobot
+from robots.registry import ROVER_FILE
 from robots.sensors import LidarNoise, WheelOdometer
 from robots.simulation import Simulation
 from tests.robots.halls import hall
@@ -16,9 +18,9 @@ from vuca_nav.types import LidarSpec, Pose2, VelocityCommand
 DT = 1.0 / 60.0
 
 
-def drift(tiago, noise, seed, length):
+def drift(body, noise, seed, length):
     """Error of the final position over the distance of a random drive: two seconds straight on or in an arc."""
-    simulation = Simulation(hall(300.0, Pose2(150.0, 150.0, 0.0)), tiago, seed, noise=noise)
+    simulation = Simulation(hall(300.0, Pose2(150.0, 150.0, 0.0)), body, seed, noise=noise)
     _, odometry = simulation.reset()
     rng = np.random.default_rng(seed)
     distance, last, tick = 0.0, simulation.true_pose, 0
@@ -39,6 +41,17 @@ def test_dead_reckoning_drifts_by_2_to_4_percent_of_the_way(tiago):
     drifts = [drift(tiago, NoiseConfig(), seed, 40.0) for seed in range(30)]
     assert 0.02 < np.mean(drifts) < 0.04
     assert np.max(drifts) < 0.12
+
+
+def test_a_skid_steer_base_needs_a_gyro(tmp_path):
+    # 40 m each. With perfect sensors what is left is the skidding, of which the wheels know nothing.
+    for name in ("robot.yaml", "rover.xml"):
+        text = (ROVER_FILE.parent / name).read_text().replace("heading: gyro", "heading: wheels")
+        (tmp_path / name).write_text(text)
+    rover, by_wheels = OwnRobot(ROVER_FILE), OwnRobot(tmp_path / "robot.yaml")
+    assert 0.01 < np.mean([drift(rover, NoiseConfig(), seed, 40.0) for seed in range(4)]) < 0.05
+    assert 0.002 < drift(rover, NoiseConfig.none(), 0, 40.0) < 0.01
+    assert drift(by_wheels, NoiseConfig.none(), 0, 40.0) > 0.1
 
 
 def test_perfect_sensors_do_not_drift(tiago):
