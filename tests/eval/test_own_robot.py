@@ -7,7 +7,7 @@ import pytest
 from eval.commands import eval_, run
 from eval.episode import Episode, EpisodeConfig
 from eval.provenance import provenance
-from robots.registry import ROVER_FILE, make_body
+from robots.registry import ROVER_FILE, digest_of, make_body
 from tests.robots.own.robots import write_robot
 from vuca_nav.errors import BadArgument, VucaError
 
@@ -34,7 +34,7 @@ def test_an_evaluation_goes_on_only_with_the_same_files(tmp_path, monkeypatch):
     arguments = ["smoke", "--out", str(tmp_path / "out"), "--robot", f"mjcf:{file},tiago", "--method", "dwa-dh"]
     assert eval_(arguments) == 0
     settings = json.loads((tmp_path / "out" / "config.json").read_text())["made_by"]["settings"]
-    assert settings[f"mjcf:{file}, dwa-dh"]["robot_sha256"] == make_body(f"mjcf:{file}").digest
+    assert settings[f"mjcf:{file}, dwa-dh"]["robot_sha256"] == digest_of(make_body(f"mjcf:{file}"))
     assert "robot_sha256" not in settings["tiago, dwa-dh"]
     assert eval_(arguments) == 0
     write_robot(tmp_path / "cart", ('mass="10"', 'mass="10.1"'))
@@ -46,14 +46,14 @@ def test_the_hash_is_of_all_files(tmp_path):
     file = write_robot(tmp_path)
     config = EpisodeConfig(robot=f"mjcf:{file}", method="dwa-dh")
 
-    def digest():
+    def hash_now():
         return provenance([config])["settings"][f"mjcf:{file}, dwa-dh"]["robot_sha256"]
 
-    before = digest()
+    before = hash_now()
     write_robot(tmp_path, ("height: 0.2", "height: 0.25"))
-    assert digest() != before
+    assert hash_now() != before
     write_robot(tmp_path)
-    assert digest() == before
+    assert hash_now() == before
 
 
 def test_code_of_ones_own_runs_only_under_trust(tmp_path):
