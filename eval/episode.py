@@ -181,7 +181,7 @@ class Episode:
         began = time.perf_counter()
         self.config = config
         self.method = resolve(config.method, config.options)
-        self.body = make_body(config.robot)
+        self.body = make_body(config.robot, trust=config.trust)
         self.world = _make_task(config, self.body)
         self.shortest_path = check_task(self.world, self.body.spec.radius, height=self.body.height)
         self.timeout = self.world.time_limit or time_limit(self.shortest_path, self.body.spec.max_v_x)

@@ -107,7 +107,7 @@ def digest_of(root: Path) -> str:
 
 
 def _settings(config: EpisodeConfig) -> Row:
-    body = make_body(config.robot)
+    body = make_body(config.robot, trust=config.trust)
     settings = settings_of(resolve(config.method, config.options), body.spec, body.lidar)
     digest = digest_of_body(body)
     return settings if digest is None else settings | {"robot_sha256": digest}

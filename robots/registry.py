@@ -63,19 +63,20 @@ def runs_user_code(name: str) -> bool:
     return name.startswith(OWN) and read_robot_file(RobotFolder(_file_of(name))).drive.kind == "own"
 
 
-def make_body(name: str) -> Body:
+def make_body(name: str, *, trust: bool = False) -> Body:
     """Make the body of that name.
 
     Args:
-        name: A name of ``ROBOTS``, or ``mjcf:`` and the path of a robot's file (docs/your-own-robot.md). A robot whose
-            drive is an interface of the user's own runs that interface's Python.
+        name: A name of ``ROBOTS``, or ``mjcf:`` and the path of a robot's file (docs/your-own-robot.md).
+        trust: Whether Python of the user's own may be run, which moves a robot whose file names an interface.
 
     Raises:
         UnknownName: If there is none; lists those there are.
+        BadArgument: If a robot would run Python of the user's own without ``trust``.
         VucaError: If a robot of one's own cannot be used.
     """
     check_robot(name)
-    return ROBOTS[name]() if name in ROBOTS else OwnRobot(_file_of(name))
+    return ROBOTS[name]() if name in ROBOTS else OwnRobot(_file_of(name), trust=trust)
 
 
 def digest_of(body: Body) -> str | None:

@@ -22,6 +22,8 @@ from robots.own.odometry import VelocityOdometer
 from robots.own.robot_file import read_robot_file
 from robots.own.settling import outline_and_height, settle, try_out
 from robots.sensors import WheelOdometer
+from vuca_nav.data_files import shown
+from vuca_nav.errors import BadArgument
 from vuca_nav.types import BodySpec, Odometry, Pose2, VelocityCommand
 from worlds.mjcf import RootElement, from_xml_string
 
@@ -36,17 +38,23 @@ class OwnRobot(Body):
 
     Args:
         file: A ``robot.yaml``; what it names lies in its folder.
+        trust: Whether the velocity interface that it may name, which is Python code, may be run.
 
     Raises:
         BadRobot: The file, the description, or what they make together cannot be used; says what would be right.
-        BadArgument: The velocity interface of the user's own cannot be loaded.
+        BadArgument: The velocity interface of the user's own may not be run, or cannot be loaded.
     """
 
     friction_cone = "elliptic"
 
-    def __init__(self, file: Path):
+    def __init__(self, file: Path, *, trust: bool = False):
         folder = RobotFolder(file)
         robot = self.robot = read_robot_file(folder)
+        if robot.drive.kind == "own" and not trust:
+            raise BadArgument(
+                f"{file}: drive.interface: {shown(robot.drive.interface)} is Python code of your own; --trust runs it, "
+                "if you trust it"
+            )
         self.assembly = assemble(folder, read_description(folder, robot.model), robot.drive)
         self.interface = None
         self._where = f"{file}: drive.interface"

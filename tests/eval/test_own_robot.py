@@ -63,6 +63,26 @@ def test_code_of_ones_own_runs_only_under_trust(tmp_path):
             command([*arguments, "--robot", robot])
 
 
+def test_an_evaluation_runs_a_trusted_drive(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my_drive.py").write_text(
+        "from robots.own.interface import VelocityInterface\n"
+        "class Drive(VelocityInterface):\n"
+        "    def reset(self):\n"
+        "        pass\n"
+        "    def apply(self, command):\n"
+        "        v, w = command.v_x / 0.1, 2.0 * command.w_z\n"
+        "        self.robot.data.ctrl[:] = (v - w, v + w)\n"
+    )
+    motors = "".join(f'<velocity joint="{side}_wheel" kv="3"/>' for side in ("left", "right"))
+    file = write_robot(tmp_path, *OWN, ("</worldbody>", f"</worldbody><actuator>{motors}</actuator>"))
+    arguments = ["smoke", "--out", str(tmp_path / "out"), "--robot", f"mjcf:{file}", "--method", "dwa-dh", "--trust"]
+    assert eval_([*arguments, "--episodes", "2", "--workers", "1"]) == 0
+    rows = [json.loads(line) for line in (tmp_path / "out" / "episodes.jsonl").read_text().splitlines()]
+    assert len(rows) == 2
+    assert all(row["path_length"] > 1.0 for row in rows)
+
+
 def test_a_robot_that_is_none_is_refused_before_anything_runs(tmp_path):
     with pytest.raises(VucaError, match=r"nothing.yaml cannot be read"):
         run(["--robot", f"mjcf:{tmp_path}/nothing.yaml"])

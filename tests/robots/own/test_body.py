@@ -174,7 +174,7 @@ def test_an_interface_of_ones_own_drives(tmp_path, monkeypatch):
         "        self.robot.data.ctrl[self.right] = (command.v_x + 0.2 * command.w_z) / 0.1\n"
     )
     monkeypatch.chdir(tmp_path)
-    simulation, _ = simulate(OwnRobot(file), [(VelocityCommand(0.5, 0.0, 0.0), 90)])
+    simulation, _ = simulate(OwnRobot(file, trust=True), [(VelocityCommand(0.5, 0.0, 0.0), 90)])
     assert moved(simulation)[0] == pytest.approx(0.5 * 2.75, abs=0.1)
 
 

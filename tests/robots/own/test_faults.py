@@ -137,7 +137,11 @@ def test_a_link_through_a_symbolic_link_out_of_the_folder_is_refused(tmp_path):
 def test_an_interface_that_cannot_be_loaded_is_told(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     changes = [(DRIVE, "drive: {type: own, interface: no_such_drive:Drive}"), ("{model: wheels}", "{model: velocity}")]
-    assert "there is no module 'no_such_drive'" in refusal(write_robot(tmp_path, *changes))
+    file = write_robot(tmp_path, *changes)
+    with pytest.raises(BadArgument, match=r"drive.interface: there is no module 'no_such_drive'"):
+        OwnRobot(file, trust=True)
+    with pytest.raises(BadArgument, match=r"no_such_drive:Drive is Python code of your own; --trust runs it"):
+        make_body(f"mjcf:{file}")  # whatever command forgets to ask
 
 
 def test_only_an_interface_of_ones_own_is_code(tmp_path):
