@@ -98,17 +98,17 @@ class _MoverPoses(Telemetry):
         self.poses = poses.copy()
 
 
-def openness_of(config: EpisodeConfig, *, every: float, view_seed: int) -> dict[str, Any]:
+def openness_of(config: EpisodeConfig, *, every: float) -> dict[str, Any]:
     """Drive an episode, and compare V^h with the clearance of places in sight at many moments.
 
     Args:
         config: The episode; its method has a critic.
         every: Time between two moments [s].
-        view_seed: Seed of the episode of which the second moment is kept as a view.
 
     Returns:
         The episode's own fields; ``moments``, each with ``time`` [s], the number of ``places``, ``correlation`` and
-        ``at_same_distance``; ``view``: V^h over the square about the robot, for a picture, or None.
+        ``at_same_distance``; ``view``: V^h over the square about the robot at the second moment, or the only one, for a
+        picture; None without any.
 
     Raises:
         BadArgument: The method has no critic.
@@ -130,7 +130,7 @@ def openness_of(config: EpisodeConfig, *, every: float, view_seed: int) -> dict[
             plain, partial_ = correlations(seen) if places >= LEAST_PLACES else (None, None)
             told = {"correlation": plain, "at_same_distance": partial_}
             moments.append({"time": round(simulation.time, 3), "places": places, **told})
-            if config.seed == view_seed and len(moments) == 2:
+            if len(moments) <= 2:
                 view = _view(navigator, critic, simulation, shapes, episode)
         scan, odometry = simulation.step(command)
     return {**config.row(), "moments": moments, "view": view}
@@ -204,8 +204,18 @@ def _view(
         "scale": [low, high],
         "levels": base64.b64encode(levels.tobytes()).decode(),
         "movers": np.round(np.column_stack([movers.centre, radii]), 2).tolist(),
-        "scene": scene_row(episode.world),
+        "scene": _near(scene_row(episode.world), x, y),
     }
+
+
+def _near(scene: dict[str, Any], x: float, y: float) -> dict[str, Any]:
+    """The part of a scene that reaches into the square about a place."""
+
+    def reaches(shape: list[float]) -> bool:
+        size = shape[2] if len(shape) == 3 else 0.5 * math.hypot(shape[3], shape[4])
+        return max(abs(shape[0] - x), abs(shape[1] - y)) < HALF_SIDE + size
+
+    return {**scene, **{name: list(filter(reaches, scene[name])) for name in ("boxes", "cylinders")}}
 
 
 def levels_of(view: dict[str, Any]) -> NDArray[np.floating]:
@@ -267,7 +277,7 @@ def main(arguments: OpennessArguments) -> None:
     configs = [replace(config, seed=seed) for seed in seeds]
     command = shlex.join(["python", "-m", "eval.analysis.measurements.openness", *sys.argv[1:]])
     settings = {"every": arguments.every, "half_side": HALF_SIDE, "spacing": SPACING}
-    job = partial(openness_of, every=arguments.every, view_seed=seeds[0])
+    job = partial(openness_of, every=arguments.every)
     rows, crashes = measure(
         arguments.out, KIND, configs, job, workers=arguments.workers, command=command, settings=settings
     )

@@ -15,6 +15,7 @@ from typing import Literal, NamedTuple
 
 from eval.analysis.report.cells import unique
 from eval.analysis.report.comparisons import (
+    BEHAVIOURS,
     MOSTLY,
     QUIET,
     Asked,
@@ -31,24 +32,27 @@ from eval.analysis.report.tables import Column, Table, Value
 from eval.suites import FRESH, SUITES
 from vuca_nav.data_files import shown
 
-RULE = (
-    "A comparison holds if its whole 95% interval lies on the claimed side of its bound, and fails if the whole "
-    "interval lies on the other side; it is not decided while rows are missing, nor by the times of fewer than 20 "
-    "pairs. A claim is answered yes if all its comparisons hold, no if one of them fails, undecided otherwise. The "
-    "paper says that methods do well, fail or usually collide without numbers; here that is that more than 80% arrive, "
-    "fewer than 20% arrive, more than 50% collide. All other comparisons are of two methods in the same episodes of "
-    "all worlds of the suite together, against a difference of zero: shares with Agresti and Min's intervals, a seed "
-    "counting once, and interquartile means of the differences of the arriving times where both arrive, with "
-    "bootstrapped intervals. The quiet branch: the share of episodes that take it, with 8 and 12 movers on the short "
-    f"branch less with 0 and 4. An expert leads a behaviour if it leads more than {100 * MOSTLY:g}% of the decisions "
-    "in that situation; it is chosen in one half of the episodes and measured in the other. The heatmap: rank "
-    "correlations of V^h and the clearance of the places in sight, with Student's intervals over 10 seeds or more."
+RULE = "\n\n".join(
+    (
+        "A comparison holds if its whole 95% interval lies on the claimed side of its bound, and fails if the whole "
+        "interval lies on the other side; it is not decided while rows are missing, nor by the times of fewer than 20 "
+        "pairs. A claim is answered yes if all its comparisons hold, no if one of them fails, undecided otherwise.",
+        "The paper says that methods do well, fail or usually collide without numbers; here that is that more than 80% "
+        "arrive, fewer than 20% arrive, more than 50% collide. Other comparisons are of two methods in the same "
+        "episodes of all worlds of the suite together, against a difference of zero: shares with Agresti and Min's "
+        "intervals, a seed counting once, and interquartile means of the differences of the arriving times where both "
+        "arrive, with bootstrapped intervals.",
+        "The quiet branch: the share of episodes that take it, with 8 and 12 movers on the short branch less with 0 "
+        "and 4.",
+        f"The gate: an expert leads a behaviour if it leads more than {100 * MOSTLY:g}% of the decisions in that "
+        "situation; it is chosen in one half of the episodes and measured in the other, in 30 episodes or more.",
+        "The heatmap: rank correlations of V^h and the clearance of the places in sight, means over moments, with "
+        "Student's intervals over 10 seeds or more.",
+    )
 )
 WELL, FAILS, USUALLY = 0.8, 0.2, 0.5
 """Shares that stand for the paper's words "perform well", "cannot reach the goal" and "usually collides"."""
 
-BEHAVIOURS = ("open floor", "tight passage", "sudden mover", "dead end", "known mover")
-"""Situations of ``train.analysis.situations`` that call for a behaviour: all but ``other``."""
 WHATEVER = "all"
 """Robot of a claim on the gate, which is measured on many bodies at once."""
 
@@ -218,7 +222,23 @@ def claims_table(evidence: Evidence, claims: Sequence[Claim] = CLAIMS) -> Table:
         command = _command(claim.suite, robot, lacking[claim.suite, robot], names[0]) if names else None
         rows.append([claim.words, claim.system, robot, verdict(findings), told, command])
     titles = ("claim", "for", "robot", "answer", "because", "rows missing: made by")
-    return Table("claims", "The paper's claims", RULE, tuple(map(Column, titles)), rows)
+    return Table("claims", "Why: the comparisons of each claim", RULE, tuple(map(Column, titles)), rows)
+
+
+def answers_table(claims: Table) -> Table:
+    """The answers alone, a column for each robot.
+
+    Args:
+        claims: Result of ``claims_table``.
+    """
+    robots = unique(row[2] for row in claims.rows)
+    found: dict[tuple[Value, Value], dict[Value, Value]] = {}
+    for claim, system, robot, verdict_of, *_ in claims.rows:
+        found.setdefault((claim, system), {})[robot] = verdict_of
+    rows: list[list[Value]] = [[*key, *(answers.get(robot) for robot in robots)] for key, answers in found.items()]
+    columns = (Column("claim"), Column("for"), *(Column(str(robot)) for robot in robots))
+    note = "Yes or no where the intervals decide, with the reasons below."
+    return Table("answers", "The paper's claims", note, columns, rows)
 
 
 def _command(suite: str, robot: str, methods: Sequence[str], method: str) -> str:

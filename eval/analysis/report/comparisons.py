@@ -19,7 +19,11 @@ from eval.suites import find_suite
 LEAST_PAIRS = 20
 """Least number of pairs whose times decide."""
 LEAST_SEEDS = 10
-"""Least number of missions whose correlations decide, and of episodes in which a situation came up."""
+"""Least number of missions whose correlations decide."""
+LEAST_EPISODES = 30
+"""Least number of episodes with a situation whose gate decides."""
+BEHAVIOURS = ("open floor", "tight passage", "sudden mover", "dead end", "known mover")
+"""Situations of ``train.analysis.situations`` that call for a behaviour: all but ``other``."""
 DRAWS = 1000
 """Number of draws of the gate's bootstrap."""
 QUIET = "quiet"
@@ -84,7 +88,7 @@ class Finding(NamedTuple):
     def text(self) -> str:
         """The finding in words."""
         if self.estimate is None:
-            return f"{self.words}: no rows"
+            return f"{self.words}: {'no rows' if self.missing or not self.n else 'too few'}"
         value, low, high = map(self.scale.text, self.estimate)
         holds = {True: "holds", False: "fails", None: "not decided"}[self.holds]
         side = "more" if self.more else "less"
@@ -214,7 +218,7 @@ class Leads(NamedTuple):
         leader = int(chosen.leads[:, 0].sum(axis=0).argmax())
         estimate, n = measured.ratio(measured.leads[:, 0, leader], measured.decisions[:, 0])
         words = f"{self.words}, expert {leader + 1} leads"
-        return Finding(words, PERCENT, estimate, n, "episodes", bound=MOSTLY, least=LEAST_SEEDS)
+        return Finding(words, PERCENT, estimate, n, "episodes", bound=MOSTLY, least=LEAST_EPISODES)
 
 
 class Differs(NamedTuple):
@@ -242,7 +246,7 @@ class Differs(NamedTuple):
         estimate, n = measured.ratio(more, measured.decisions[:, situation])
         place = self.situations[int(situation)]
         words = f"{self.words}: in {place}, expert {expert + 1} leads more decisions than expert {foremost + 1}"
-        return Finding(words, POINTS, estimate, n, "episodes", least=LEAST_SEEDS)
+        return Finding(words, POINTS, estimate, n, "episodes", least=LEAST_EPISODES)
 
 
 MOSTLY = 0.5

@@ -14,13 +14,16 @@ from eval.suites import SUITES
 FIRST, SECOND = "ours-dh", "ours"
 ALPHA = 0.05
 ALL = "all"
-NOTE = (
-    f"{SECOND} less {FIRST} in the same episodes of all suites: points of a hundred with Agresti and Min's 95% "
-    "intervals, p of McNemar's exact test; a seed that several tasks have counts once in both. The time is the "
-    "interquartile mean of the differences where both arrive. In all suites together each seed weighs the same, and in "
-    "it each task. Better is the one that arrives more often: of all suites together if p is below 0.05, of one suite "
-    "if Holm's p, adjusted for the number of suites and robots, is. The default is to be the one that is better in all "
-    "suites together on all robots, and in no suite worse. "
+NOTE = "\n\n".join(
+    (
+        f"{SECOND} less {FIRST} in the same episodes of all suites: points of a hundred with Agresti and Min's 95% "
+        "intervals, p of McNemar's exact test; a seed that several tasks have counts once in both. The time is the "
+        "interquartile mean of the differences where both arrive. In all suites together each seed weighs the same, "
+        "and in it each task.",
+        "Better is the one that arrives more often: of all suites together if p is below 0.05, of one suite if Holm's "
+        "p, adjusted for the number of suites and robots, is. The default is to be the one that is better in all "
+        "suites together on all robots, and in no suite worse.",
+    )
 )
 
 
@@ -57,7 +60,7 @@ def default_table(evaluations: Sequence[Evaluation]) -> Table:
         Column("p", 4), Column("Holm's p", 4), Column("better"),
     )  # fmt: skip
     answer = _answer(list(zip(groups, better)))
-    return Table("default", "Which default", f"{NOTE}Answer: {answer}.", columns, rows)
+    return Table("default", "Which default", f"{NOTE}\n\nAnswer: {answer}.", columns, rows)
 
 
 def _groups(suite: str, cells: Sequence[Cell]) -> list[_Pairs]:

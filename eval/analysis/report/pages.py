@@ -11,7 +11,7 @@ from typing import Any
 from eval.analysis.measurements.files import Measurement, is_measurement, read_measurement
 from eval.analysis.report.branch import branch_table
 from eval.analysis.report.cells import Evaluation, cells_of, read_evaluation, unique
-from eval.analysis.report.claims import claims_table
+from eval.analysis.report.claims import answers_table, claims_table
 from eval.analysis.report.comparisons import Evidence
 from eval.analysis.report.default import default_table
 from eval.analysis.report.failed import failed_episodes, failed_table
@@ -65,7 +65,8 @@ def write_reports(sources: Sequence[Path], out: Path) -> list[Path]:
     failed = failed_episodes(cells)
     listed = evaluations_table(evaluations)
     evidence = Evidence(cells, measurements)
-    tables = [claims_table(evidence), default_table(evaluations), *tables_of(cells), branch_table(cells)]
+    claims = claims_table(evidence)
+    tables = [answers_table(claims), claims, default_table(evaluations), *tables_of(cells), branch_table(cells)]
     tables = [table for table in [*tables, moments_table(evidence.rows("moments"))] if table.rows]
     pictures = [*outcome_figures(cells), *measured_figures(evidence)]
     facts = [*map(_facts, evaluations), *map(_facts_of_measurement, measurements)]

@@ -20,6 +20,8 @@ COLOURS = (
     "#2f8f8f", "#c23b5a",
 )  # fmt: skip
 """Colours of the methods: those of Okabe and Ito that are read on light and on dark, and others."""
+WIDTH = 105
+"""Number of letters that fit beside each other in a figure; a column of a legend takes 8 beside its text."""
 STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
     "font.family": "sans-serif",
@@ -91,7 +93,9 @@ def label_of(text: str) -> str:
 def legend(figure: Figure, methods: Sequence[str], colours: dict[str, str]) -> None:
     """The colours of methods, above a figure."""
     patches = [Patch(color=colours[method], label=label_of(method)) for method in methods]
-    figure.legend(handles=patches, loc="outside upper center", ncols=min(len(methods), 5))
+    widest = max(len(str(patch.get_label())) for patch in patches)
+    columns = max(1, min(len(methods), 5, WIDTH // (widest + 8)))
+    figure.legend(handles=patches, loc="outside upper center", ncols=columns)
 
 
 def picture_of(name: str, title: str, caption: str, figure: Figure) -> Picture:

@@ -1,6 +1,7 @@
 """The figures of measurements: courses over the map, V^h around a robot, the shares of a gate's experts."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib
@@ -13,7 +14,7 @@ from matplotlib.transforms import Affine2D
 
 from eval.analysis.measurements.openness import levels_of
 from eval.analysis.report.cells import place_of, unique
-from eval.analysis.report.comparisons import Evidence, gate_counts
+from eval.analysis.report.comparisons import BEHAVIOURS, Evidence, gate_counts
 from eval.analysis.report.figures.drawing import INK, STYLE, Picture, colours_of, label_of, legend, picture_of
 from eval.methods import METHODS, title_of
 from eval.store import Row
@@ -26,6 +27,9 @@ EXPERTS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377")
 LABELLED = 0.08
 """Smallest piece of a bar that is labelled."""
 MOST_PANELS = 12
+"""Greatest number of panels of a figure."""
+LONGEST = 60.0
+"""Longest time that shares are drawn over [s]."""
 
 
 def measured_figures(evidence: Evidence) -> list[Picture]:
@@ -63,7 +67,7 @@ def _courses(evidence: Evidence) -> list[Picture]:
         caption = (
             "Where each method drove, the same mission for all of a panel. Square: start; circle: goal. Where a course "
             "ends: a star, it arrived; a cross, a collision; a triangle, a fall; a small square, out of time. What "
-            "moves is not drawn."
+            "moves is not drawn. Axes in metres."
         )
         pictures.append(picture_of(f"courses-{robot}", f"Courses, {robot}", caption, figure))
     return pictures
@@ -95,10 +99,10 @@ def _heatmaps(evidence: Evidence) -> list[Picture]:
     rows = sorted((row for row in evidence.rows("heatmap") if row["view"] is not None), key=_rank)
     pictures = []
     for robot in sorted({row["robot"] for row in rows}):
-        here = [row for row in rows if row["robot"] == robot][:MOST_PANELS]
+        here = _first_views([row for row in rows if row["robot"] == robot])[:MOST_PANELS]
         columns = min(2, len(here))
         lines = math.ceil(len(here) / columns)
-        figure = Figure(figsize=(4.2 * columns, 4.0 * lines), layout="constrained")
+        figure = Figure(figsize=(4.2 * columns, 3.4 * lines), layout="constrained")
         for axes, row in zip(figure.subplots(lines, columns, squeeze=False).ravel(), here):
             view = row["view"]
             (x, y, yaw), half, (low, high) = view["pose"], view["half_side"], view["scale"]
@@ -122,10 +126,21 @@ def _heatmaps(evidence: Evidence) -> list[Picture]:
         caption = (
             "V^h of every place around the robot as a goal, at one moment of a mission. White: the robot and its "
             "heading; grey: what stands; orange: what moves. That of ours is a chance, that of paper its policy's own "
-            "value."
+            "value. Axes in metres."
         )
         pictures.append(picture_of(f"heatmap-{robot}", f"V^h around the robot, {robot}", caption, figure))
     return pictures
+
+
+def _first_views(rows: Sequence[Row]) -> list[Row]:
+    """For each place and method the view of the least seed, of those that all methods have if there is one."""
+    found = []
+    for place in unique(place_of(row) for row in rows):
+        here = [row for row in rows if place_of(row) == place]
+        by_method = {title: {row["seed"]: row for row in here if _title(row) == title} for title in map(_title, here)}
+        common = set.intersection(*(set(views) for views in by_method.values()))
+        found += [views[min(common or views)] for views in by_method.values()]
+    return found
 
 
 def _gates(evidence: Evidence) -> list[Picture]:
@@ -138,7 +153,8 @@ def _gates(evidence: Evidence) -> list[Picture]:
     experts = 0
     for axes, policy in zip(figure.subplots(len(policies), 1, squeeze=False)[:, 0], policies):
         here = [row for row in rows if row["policy"] == policy]
-        names = unique(name for row in here for name in row["situations"])
+        known = {name for row in here for name in row["situations"]}
+        names = [*(name for name in BEHAVIOURS if name in known), *sorted(known - set(BEHAVIOURS))]
         counts = gate_counts(here, names)
         shares = counts.shares.sum(axis=0) / np.maximum(counts.decisions.sum(axis=0), 1.0)[:, None]
         experts = max(experts, shares.shape[1])
@@ -151,7 +167,7 @@ def _gates(evidence: Evidence) -> list[Picture]:
                     axes.text(x, at, f"{100 * piece:.0f}", ha="center", va="center", fontsize=8, color="#14181e")
             bottom += part
         decisions = counts.decisions.sum(axis=0)
-        axes.set_xticks(range(len(names)), [label_of(f"{n}\n{d:,.0f}") for n, d in zip(names, decisions)])
+        axes.set_xticks(range(len(names)), [f"{label_of(n)}\n{d:,.0f}" for n, d in zip(names, decisions)])
         axes.set(ylim=(0.0, 100.0), ylabel="mean share [%]")
         axes.set_title(label_of(policy), fontsize=9)
     _experts(figure, experts)
@@ -175,15 +191,19 @@ def _gates_in_time(evidence: Evidence) -> list[Picture]:
         experts = 0
         for axes, row in zip(figure.subplots(len(here), 1, squeeze=False)[:, 0], here):
             count = max(map(len, row["expert_shares"]))
-            shares = np.array([each if len(each) == count else [np.nan] * count for each in row["expert_shares"]])
+            told = row["expert_shares"][: round(LONGEST / max(row["period"], 1e-3))]
+            shares = np.array([each if len(each) == count else [0.0] * count for each in told])
             times = row["period"] * np.arange(len(shares))
             experts = max(experts, count)
-            axes.stackplot(times, 100.0 * np.nan_to_num(shares).T, colors=EXPERTS[:count], linewidth=0)
+            axes.stackplot(times, 100.0 * shares.T, colors=EXPERTS[:count], linewidth=0, step="post")
             axes.set(ylim=(0.0, 100.0), xlim=(0.0, times[-1] or 1.0), ylabel="share [%]")
             axes.set_title(label_of(f"{_title(row)}: {row['outcome']}"), fontsize=9)
         figure.axes[-1].set_xlabel("time [s]")
         _experts(figure, experts)
-        caption = f"Shares of the experts over one mission in {place_of(longest)}, seed {longest['seed']}."
+        caption = (
+            f"Shares of the experts over the first {LONGEST:g} s of one mission in {place_of(longest)}, seed "
+            f"{longest['seed']}; white where the policy was not asked."
+        )
         pictures.append(picture_of(f"gate-{robot}", f"The gate over time, {robot}", caption, figure))
     return pictures
 

@@ -7,8 +7,8 @@ import pytest
 from eval.analysis.measurements.files import keep_measurements, read_measurement
 from eval.analysis.report.branch import branch_table
 from eval.analysis.report.cells import cells_of, read_evaluation
-from eval.analysis.report.claims import BEHAVIOURS, CLAIMS, claims_table
-from eval.analysis.report.comparisons import Evidence
+from eval.analysis.report.claims import CLAIMS, claims_table
+from eval.analysis.report.comparisons import BEHAVIOURS, Evidence
 from eval.analysis.report.default import default_table
 from eval.analysis.report.moments import moments_table
 from eval.analysis.report.pages import write_reports
@@ -122,7 +122,7 @@ def test_a_mean_of_correlations(tmp_path):
 
 
 def gates(leads_of, policy="fusion-plus"):
-    return [gate_row(seed, policy, leads_of) for seed in range(40)]
+    return [gate_row(seed, policy, leads_of) for seed in range(80)]
 
 
 def test_the_gate(tmp_path):
@@ -133,7 +133,7 @@ def test_the_gate(tmp_path):
     found = answers(evidence_of(tmp_path, (), "gate", gates(taught)))
     answer, because, command = found[GATE, "ours", "all"]
     assert (answer, command) == ("yes", None)
-    assert because.startswith("in open floor, expert 1 leads: 90% [90, 90] (claimed: more than 50%) in 20 episodes")
+    assert because.startswith("in open floor, expert 1 leads: 90% [90, 90] (claimed: more than 50%) in 40 episodes")
     assert "not the same everywhere: in " in because
     assert found[GATE, "paper", "all"][2] == (
         "python -m train.analysis.gate vuca_nav/policy/weights/paper.safetensors --out runs/gate"
@@ -148,7 +148,7 @@ def test_the_gate(tmp_path):
 def test_the_leader_is_not_chosen_where_it_is_measured(tmp_path):
     # In the even half expert 1 leads all, in the odd half expert 2: chosen there, it would lead.
     rows = [gate_row(seed, "fusion-plus", {n: [9, 1] if seed % 2 == 0 else [1, 9] for n in BEHAVIOURS})
-            for seed in range(40)]  # fmt: skip
+            for seed in range(80)]  # fmt: skip
     answer, because, _ = answers(evidence_of(tmp_path, (), "gate", rows))[GATE, "ours", "all"]
     assert answer == "no"
     assert because.startswith("in open floor, expert 1 leads: 10% [10, 10]")

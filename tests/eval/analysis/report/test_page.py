@@ -74,8 +74,8 @@ def test_it_needs_nothing_else(page):
     assert len(found.ids) == len(set(found.ids))
     assert {link[1:] for link in found.links if link.startswith("#")} <= set(found.ids)
     assert {"nav", "h1", "h2", "h3"} <= set(found.tags)
-    # Evaluations, claims, outcomes, measures, tests, contacts, failures, bodies, and the facts of the evaluation.
-    assert found.tags.count("table") == 9
+    # Evaluations, answers, claims, outcomes, measures, tests, contacts, failures, bodies, and the facts.
+    assert found.tags.count("table") == 10
     # Of each robot the metrics, the contacts, the dials and the difficulties.
     assert found.tags.count("svg") == 8
     assert "&lt;script&gt;alert(1)" in text
@@ -173,7 +173,7 @@ def test_a_browser_reads_it(page, tmp_path):
     dom, console = open_in(browser, page, 800, tmp_path / "profile")
     assert console == []
     tags = Page(dom).tags
-    assert (tags.count("table"), tags.count("svg"), tags.count("img")) == (9, 8, 1)
+    assert (tags.count("table"), tags.count("svg"), tags.count("img")) == (10, 8, 1)
     # On a phone tables and figures scroll in their frames, and the page itself is no wider than the screen.
     probe = tmp_path / "probe.html"
     measure = "<script>document.title = `${document.documentElement.scrollWidth} of ${innerWidth}`</script></body>"
