@@ -6,11 +6,12 @@ import pytest
 import torch
 from tqdm import tqdm
 
+from eval.analysis.measurements.files import read_measurement
 from train.analysis.episodes import Evaluation
 from train.analysis.evaluate import EvaluateArguments, evaluate
 from train.analysis.gate.play import Decisions, Scene, play_without, watch
 from train.analysis.gate.plots import draw_moments, draw_shares, typical_moment
-from train.analysis.gate.summary import MOTIONS, motions, summarise
+from train.analysis.gate.summary import MOTIONS, episode_rows, motions, summarise
 from train.analysis.gate.tables import tables
 from train.analysis.gate.watch import GateArguments, main
 from train.analysis.situations import DEAD_END, OPEN_FLOOR, OTHER, SITUATIONS, SUDDEN_MOVER, ArenaSituations
@@ -135,6 +136,13 @@ def test_means_by_situation():
     assert summary["situations"]["all"]["experts"][0]["share"][0] == pytest.approx(first.mean())
     assert summary["worlds"]["mixed"] == dict.fromkeys(SITUATIONS, 0) | {"dead end": 2}
     assert summary["skills"]["forward"]["leads"][0][0] == pytest.approx(0.5)
+    one, other = episode_rows(decisions, np.array([0, 1]), ("static", "mixed"), "two")
+    assert one["situations"] == {
+        "open floor": {"decisions": 2, "leads": [2, 0], "shares": [1.6, 0.4]},
+        "dead end": {"decisions": 2, "leads": [0, 2], "shares": [0.4, 1.6]},
+    }
+    assert (one["policy"], one["kind"], one["seed"], other["kind"], other["seed"]) == ("two", "static", 0, "mixed", 0)
+    assert other["situations"]["dead end"]["leads"] == [1, 1]
     text = tables(summary)
     assert "| dead end | 4 | 2 |" in text
     assert "\n| sudden mover |" not in text
@@ -207,8 +215,15 @@ def test_the_command(tmp_path, capsys):
     }  # fmt: skip
     assert [row["expert"] for row in result["knock_outs"]] == [1, 2] * len(SITUATIONS)
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        "summary.json", "two_shares.png", "two_moments.png"
+        "summary.json", "two_shares.png", "two_moments.png", "gate.jsonl"
     }  # fmt: skip
+    rows = read_measurement(tmp_path / "out" / "gate.jsonl").rows
+    assert [(row["policy"], row["kind"], row["seed"]) for row in rows] == [
+        ("two", kind, seed) for kind in ("static", "mixed") for seed in range(8)
+    ]
+    for situation, told in result["situations"].items():
+        here = [row["situations"][situation]["decisions"] for row in rows if situation in row["situations"]]
+        assert situation == "all" or (sum(here), len(here)) == (told["decisions"], told["episodes"])
     table = capsys.readouterr().out
     assert "Without an expert in one situation" in table
     assert "| situation | episodes | success % | expert 1 | expert 2 |" in table

@@ -1,6 +1,7 @@
 """What a report makes of measurements and of the choice of branch and of default: hand-worked rows."""
 
 import json
+from typing import Any
 
 import pytest
 
@@ -29,7 +30,7 @@ GATE = "each behaviour has a leading expert"
 HEATMAP = "open space is safer in the heatmap"
 
 
-def answers(evidence):
+def answers(evidence) -> dict[tuple, Any]:
     return {(row[0], row[1], row[2]): row[3:] for row in claims_table(evidence).rows}
 
 
@@ -83,7 +84,8 @@ def test_the_quiet_branch_needs_all_its_rows(tmp_path):
 def test_the_table_of_branches(tmp_path):
     rows = branches("ours", {4: 5, 0: 0})
     rows[0]["way"] = None
-    (none, five) = branch_table(evidence_of(tmp_path, rows).cells).rows
+    rows_told: list[list[Any]] = branch_table(evidence_of(tmp_path, rows).cells).rows
+    none, five = rows_told
     assert none[:4] == ["tiago", "ours", 0, 20]
     assert [five[k] for k in (2, 3)] == [4, 20]
     assert (five[4].count, five[5].count, five[6]) == (4, 15, 1)
@@ -203,7 +205,7 @@ def test_which_default(tmp_path):
         ["all", "all", 36, 12], ["all", "go2", 12, 12], ["all", "tiago", 24, 12], ["paper-system", "all", 24, 12],
         ["paper-system", "go2", 12, 12], ["paper-system", "tiago", 12, 12], ["building", "tiago", 12, 12],
     ]  # fmt: skip
-    by_name = {tuple(row[:2]): row for row in table.rows}
+    by_name: dict[tuple, Any] = {tuple(row[:2]): row for row in table.rows}
     # 12 seeds in which only ours-dh arrives: p = 2 / 2^12; adjusted for three lines.
     assert by_name["building", "tiago"][9:] == [2 / 2**12, pytest.approx(6 / 2**12), "ours-dh"]
     assert by_name["paper-system", "tiago"][9:] == [1.0, 1.0, "undecided"]
