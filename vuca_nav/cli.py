@@ -25,7 +25,6 @@ Arguments = TypeVar("Arguments")
 
 GROUP = "vuca.commands"
 EXTRA_OF_MODULE = {
-    "PIL": "sim",
     "collada": "sim",
     "cyclonedds": "deploy",
     "dm_control": "sim",

@@ -95,12 +95,7 @@ class OccupancyGrid:
         self.level: NDArray[np.int8] = np.zeros((cells, cells), np.int8)
         self._scan_of_last_update = np.zeros((cells, cells), np.int32)
         self._scan_index = 0
-        half = 0.5 * cells * config.resolution
-        step = config.resolution
-        self.origin = (
-            math.floor((centre[0] - half) / step) * step,
-            math.floor((centre[1] - half) / step) * step,
-        )
+        self.origin = self._origin_about(centre)
         # By the C library: NumPy's own functions round in the way of the processor's type.
         self.probability_of_level = np.array([_probability(k * config.unit) for k in range(-128, 128)])
         """(256,) probability of each level, indexed by level + 128."""
@@ -109,6 +104,37 @@ class OccupancyGrid:
         self._cells: GridCells | None = None
         self.known_box = (centre[0], centre[1], centre[0], centre[1])
         """x_min, y_min, x_max, y_max of the rectangle that holds all cells ever written to [m]."""
+
+    def _origin_about(self, centre: tuple[float, float]) -> tuple[float, float]:
+        """Lower-left corner of the grid with a point in its middle [m]."""
+        step = self.resolution
+        rows, columns = self.level.shape
+        return (
+            math.floor((centre[0] - 0.5 * columns * step) / step) * step,
+            math.floor((centre[1] - 0.5 * rows * step) / step) * step,
+        )
+
+    def clear(self, centre: tuple[float, float]) -> None:
+        """Forget everything and begin anew about another point; the arrays are kept, and their memory."""
+        window = self._known_window()
+        for array in self._arrays():
+            array[window] = 0
+        self._scan_index = 0
+        self.origin = self._origin_about(centre)
+        self._entropy_change[0] = 0.0
+        self._cells = None
+        self.known_box = (centre[0], centre[1], centre[0], centre[1])
+
+    def _arrays(self) -> tuple[np.ndarray, ...]:
+        """The arrays with an entry for each cell."""
+        return (self.level, self._scan_of_last_update)
+
+    def _known_window(self) -> tuple[slice, slice]:
+        """Rows and columns of the cells that were ever written to, and some about them."""
+        x_min, y_min, x_max, y_max = self.known_box
+        (i0, j0), (i1, j1) = self.cell(x_min, y_min), self.cell(x_max, y_max)
+        margin = 3
+        return slice(max(i0 - margin, 0), i1 + margin + 1), slice(max(j0 - margin, 0), j1 + margin + 1)
 
     @property
     def entropy(self) -> float:

@@ -38,6 +38,33 @@ class Surface(NamedTuple):
     """The highest level there is."""
 
 
+class PackedSurfaces(NamedTuple):
+    """A surface grid that nothing more is written to, in a fraction of its memory."""
+
+    level: NDArray[np.int8]
+    """(rows, columns) levels of the known part."""
+    cells: NDArray[np.int32]
+    """(n,) flat indices of the occupied cells."""
+    mean: NDArray[np.float32]
+    """(n, 2) their mean returns."""
+    count: NDArray[np.uint8]
+    """(n,) numbers of returns."""
+    origin: tuple[float, float]
+    """Lower-left corner [m]."""
+    resolution: float
+    """[m]"""
+    limit: int
+    """The highest level there is."""
+
+    def surface(self) -> Surface:
+        """Unpack it for the scan matcher."""
+        rows, columns = self.level.shape
+        mean, count = np.zeros((rows * columns, 2), np.float32), np.zeros(rows * columns, np.uint8)
+        mean[self.cells], count[self.cells] = self.mean, self.count
+        means, counts = mean.reshape(rows, columns, 2), count.reshape(rows, columns)
+        return Surface(self.level, means, counts, *self.origin, self.resolution, self.limit)
+
+
 class SurfaceGrid(OccupancyGrid):
     """An occupancy grid with a mean return per cell.
 
@@ -88,6 +115,30 @@ class SurfaceGrid(OccupancyGrid):
         super().fill(outline, origin)
         self.mean[self.level > 0] = 0.5
         self.count[self.level > 0] = PRIOR_COUNT
+
+    def clear(self, centre: tuple[float, float]) -> None:
+        """Forget everything, as ``OccupancyGrid.clear`` does."""
+        super().clear(centre)
+        self._surface = None
+
+    def _arrays(self) -> tuple[np.ndarray, ...]:
+        return (*super()._arrays(), self.mean, self.count)
+
+    def pack(self) -> "PackedSurfaces":
+        """The known part of the grid, packed."""
+        window = self._known_window()
+        level = self.level[window].copy()
+        cells = np.flatnonzero(level > 0).astype(np.int32)
+        i0, j0 = window[0].start, window[1].start
+        return PackedSurfaces(
+            level,
+            cells,
+            self.mean[window].reshape(-1, 2)[cells],
+            self.count[window].ravel()[cells],
+            (self.origin[0] + j0 * self.resolution, self.origin[1] + i0 * self.resolution),
+            self.resolution,
+            self.config.limit,
+        )
 
     def _grow(self, pad: tuple[tuple[int, int], tuple[int, int]]) -> None:
         super()._grow(pad)

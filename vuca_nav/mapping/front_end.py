@@ -1,0 +1,184 @@
+"""The front end: predict by odometry, match to a submap, keep a keyframe now and then."""
+
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from vuca_nav.geometry import between, compose, wrap_angle
+from vuca_nav.mapping.alignment import Aligner, Alignment, AlignmentConfig
+from vuca_nav.mapping.grid import GridConfig
+from vuca_nav.mapping.odometry_model import OdometryModel, OdometryModelConfig
+from vuca_nav.mapping.returns import Returns
+from vuca_nav.mapping.submaps import Keyframe, Submap, SubmapStore, insert_scan, keyframe_of
+from vuca_nav.mapping.surfaces import SurfaceGrid
+from vuca_nav.types import FloatArray, Pose2
+
+
+@dataclass(frozen=True, slots=True)
+class FrontEndConfig:
+    """Settings of the front end."""
+
+    grid: GridConfig = field(default_factory=lambda: GridConfig(unit=0.1, hit=6, miss=1, limit=25, block=16.0))
+    alignment: AlignmentConfig = field(default_factory=AlignmentConfig)
+    odometry: OdometryModelConfig = field(default_factory=OdometryModelConfig)
+    keyframe_distance: float = 0.2
+    """A scan becomes a keyframe after this much motion [m] ..."""
+    keyframe_angle: float = 0.15
+    """... or this much turning [rad]."""
+    submap_keyframes: int = 70
+    """Keyframes of a submap; the next one begins in its middle."""
+    good: float = 0.6
+    """Quality from which on a match may teach the odometry model."""
+    lost: float = 0.5
+    """Quality below which a wider search is made."""
+    wide_position: float = 0.12
+    """Spread of the wider search [m]."""
+    wide_yaw: float = 0.1
+    """[rad]"""
+    better: float = 0.05
+    """The wider search must improve the share of matched returns by this much."""
+    drift_factor: float = 9.0
+    """Errors of neighbouring matches are alike: their covariance grows so many times faster than if they were not."""
+
+
+class Tracked(NamedTuple):
+    """The pose after a scan."""
+
+    local_from_base: Pose2
+    alignment: Alignment | None
+    """None where nothing was matched."""
+    keyframe: Keyframe | None
+    """The keyframe, if the scan became one."""
+
+
+class FrontEnd:
+    """``track(returns, motion)`` once a scan."""
+
+    def __init__(self, most_points: int, config: FrontEndConfig = FrontEndConfig()):
+        self.config = config
+        self.model = OdometryModel(config.odometry)
+        self._aligner = Aligner(config.alignment, most_points)
+        self.reset(Pose2(0.0, 0.0, 0.0))
+
+    def reset(self, start: Pose2) -> None:
+        """Forget everything; begin at a pose of the local frame."""
+        self.model.reset()
+        self.store = SubmapStore()
+        self.local_from_base = start
+        self.active = -1
+        """Number of the submap that scans are matched to."""
+        self._unmatched = [0.0, 0.0]
+        """Way and turning since the last match [m, rad]."""
+        self._way = self._turn = 0.0
+        self._odometry = Pose2(0.0, 0.0, 0.0)
+        self._at_keyframe = start
+        self._is_sure, self._knows_position = True, True
+        self._drift = np.zeros((3, 3))
+        self._information = np.zeros((3, 3))
+
+    def track(self, returns: Returns, motion: Pose2) -> Tracked:
+        """Take in a scan.
+
+        Args:
+            returns: The scan's returns.
+            motion: Motion since the last scan by odometry.
+        """
+        way, turn = math.hypot(motion.x, motion.y), abs(motion.yaw)
+        self._unmatched[0] += way
+        self._unmatched[1] += turn
+        self._way += way
+        self._turn += turn
+        self._odometry = compose(self._odometry, motion)
+        predicted = compose(self.local_from_base, motion)
+        if self.active < 0:
+            self.local_from_base = predicted
+            return Tracked(predicted, None, self._keep(returns) if len(returns.points) else None)
+        alignment = None
+        if len(returns.points):
+            alignment = self._align(returns, predicted)
+        if alignment is None:
+            self._is_sure = False
+            self.local_from_base = predicted
+        else:
+            self._is_sure &= alignment.quality >= self.config.good
+            self._knows_position &= not alignment.is_degenerate
+            self._information = alignment.information
+            self.local_from_base = alignment.pose
+            self._unmatched = [0.0, 0.0]
+        keyframe = None
+        last, here = self._at_keyframe, self.local_from_base
+        if len(returns.points) and (
+            math.hypot(here.x - last.x, here.y - last.y) > self.config.keyframe_distance
+            or abs(wrap_angle(here.yaw - last.yaw)) > self.config.keyframe_angle
+        ):
+            self._learn()
+            keyframe = self._keep(returns)
+        return Tracked(here, alignment, keyframe)
+
+    def _align(self, returns: Returns, predicted: Pose2) -> Alignment:
+        c, grid = self.config, self.store.submaps[self.active].grid
+        assert grid is not None  # the active submap is never finished
+        surface = grid.surface
+        spread = self.model.spread(*self._unmatched)
+        near = self._aligner.align(surface, predicted, spread, returns.points, returns.normals)
+        if near.quality >= c.lost:
+            return near
+        wide = spread._replace(position=max(spread.position, c.wide_position), yaw=max(spread.yaw, c.wide_yaw))
+        far = self._aligner.align(surface, predicted, wide, returns.points, returns.normals)
+        return far if far.matched > near.matched + c.better else near
+
+    def _learn(self) -> None:
+        """Compare matches and odometry since the last keyframe."""
+        by_match = between(self._at_keyframe, self.local_from_base)
+        if self._is_sure:
+            self.model.learn(self._way, self._turn, between(by_match, self._odometry), self._knows_position)
+
+    def _keep(self, returns: Returns) -> Keyframe:
+        """Make the scan a keyframe, in the submap that is matched and in the one that begins."""
+        c, store, here = self.config, self.store, self.local_from_base
+        self._drift = self._drifted()
+        keyframe = keyframe_of(returns, here, max(self.active, 0))
+        store.keyframes.append(keyframe)
+        half = c.submap_keyframes // 2
+        if not store.submaps or store.submaps[-1].num_keyframes >= half:
+            self._begin_submap(len(store.keyframes) - 1)
+        for submap in store.submaps[-2:]:
+            if submap.grid is not None and insert_scan(submap.grid, here, keyframe):
+                submap.num_keyframes += 1
+        self.active = max(len(store.submaps) - 2, 0)
+        self._at_keyframe = here
+        self._way = self._turn = 0.0
+        self._odometry = Pose2(0.0, 0.0, 0.0)
+        self._is_sure = self._knows_position = True
+        return keyframe
+
+    def _begin_submap(self, first_keyframe: int) -> None:
+        """Begin a submap here; the one before the last is finished, and its grid is taken for the new one."""
+        store, here = self.store, self.local_from_base
+        grid = None
+        if len(store.submaps) > 1:
+            finished = store.submaps[-2]
+            grid, finished.grid = finished.grid, None
+        if grid is None:
+            grid = SurfaceGrid(self.config.grid, here[:2])
+        else:
+            finished.packed = grid.pack()
+            grid.clear(here[:2])
+        submap = Submap(grid, here, self._drift, first_keyframe)
+        if store.submaps:
+            submap.map_from_local = store.submaps[self.active].map_from_local
+        store.submaps.append(submap)
+        self._drift = np.zeros((3, 3))
+
+    def _drifted(self) -> FloatArray:
+        """Covariance of the pose now, as the last submap's first keyframe sees it, in the local frame's axes."""
+        before, here = self._at_keyframe, self.local_from_base
+        lever = np.eye(3)
+        lever[0, 2], lever[1, 2] = before.y - here.y, here.x - before.x
+        position, yaw = self.model.variances(self._way, self._turn)
+        deviation = self.config.alignment.return_deviation
+        by_odometry = np.array([1.0 / max(position, 1e-8), 1.0 / max(position, 1e-8), 1.0 / max(yaw, 1e-8)])
+        match = np.linalg.inv(self._information / deviation**2 + np.diag(by_odometry))
+        return lever @ self._drift @ lever.T + self.config.drift_factor * match

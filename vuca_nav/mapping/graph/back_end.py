@@ -1,0 +1,184 @@
+"""The back end: ties submaps together by loop closures, and moves them to where all ties agree.
+
+Its work comes in slices, each a few milliseconds long, so that a loop in real time can spread them over its ticks.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import dijkstra
+
+from vuca_nav.geometry import between, compose, inverse
+from vuca_nav.mapping.alignment import AlignmentConfig, Spread
+from vuca_nav.mapping.graph.loop_closure import Bundle, ClosureConfig, ClosureSearch, bundle_of
+from vuca_nav.mapping.graph.pose_graph import Edge, PoseGraph
+from vuca_nav.mapping.submaps import SubmapStore
+from vuca_nav.types import STANDING, FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class BackEndConfig:
+    """Settings of the back end."""
+
+    closure: ClosureConfig = field(default_factory=ClosureConfig)
+    search_every: int = 5
+    """Keyframes between two looks for closures."""
+    candidates: int = 3
+    """Submaps that a look goes into: those that the present one is tied to least."""
+    near: float = 3.0
+    """A submap is looked into if the robot is within this of one of its keyframes, beside the uncertainty [m]."""
+    deviations: float = 3.0
+    """The window goes so many deviations of the graph's uncertainty each way ..."""
+    least_position: float = 0.4
+    """... at least this [m] ..."""
+    most_position: float = 7.0
+    """... at most this [m] ..."""
+    least_yaw: float = 0.06
+    """[rad]"""
+    most_yaw: float = 0.35
+    """[rad]"""
+    lever: float = 10.0
+    """Length over which an error of a submap's yaw becomes one of position [m]."""
+    optimise_every: int = 10
+    """Least number of keyframes between two optimisations."""
+
+
+class BackEnd:
+    """``work(keyframe)`` after each keyframe; the submaps' ``map_from_local`` are what it changes."""
+
+    def __init__(self, store: SubmapStore, alignment: AlignmentConfig, config: BackEndConfig = BackEndConfig()):
+        self.config, self.store = config, store
+        self.graph = PoseGraph()
+        self._search = ClosureSearch(alignment, config.closure)
+        self._places: list[FloatArray] = []
+        """Positions of each finished submap's keyframes in the local frame (n, 2)."""
+        self._costs: list[float] = []
+        """Variance of position that each edge adds."""
+        self._num_new = 0
+        self._optimised_at = 0
+        self.num_tried = self.num_closed = 0
+
+    def work(self, number: int) -> Iterator[None]:
+        """Take in a keyframe: slices of work.
+
+        Args:
+            number: The keyframe's number; the latest one's.
+        """
+        self._take_submaps()
+        if number % self.config.search_every == 0 and self._places:
+            bundle = None
+            for candidate, spread in self._candidates(number):
+                if bundle is None:
+                    first = max(number + 1 - self.config.closure.bundle, 0)
+                    bundle = bundle_of(self.store.keyframes[first : number + 1], self.config.closure)
+                yield
+                self._try(candidate, spread, bundle)
+        if self._num_new and number - self._optimised_at >= self.config.optimise_every:
+            yield
+            self._optimise()
+            self._optimised_at = number
+
+    def warm_up(self) -> None:
+        """Compile what the search needs, or load it, before it is needed in a hurry."""
+        store = self.store
+        if not store.keyframes or store.submaps[0].grid is None:
+            return
+        keyframe = store.keyframes[0]
+        bundle = bundle_of([keyframe], self.config.closure)
+        spread = Spread(self.config.least_position, self.config.least_yaw)
+        self._search.find(-1, store.submaps[0].grid.pack(), bundle, keyframe.local_from_base, spread)
+
+    def finish(self) -> None:
+        """Optimise with all that is known."""
+        self._take_submaps()
+        for _ in range(3):
+            self._optimise()
+
+    def _take_submaps(self) -> None:
+        store = self.store
+        for k in range(len(self.graph.poses), len(store.submaps)):
+            submap = store.submaps[k]
+            self.graph.add_node(compose(submap.map_from_local, submap.node))
+            if k:
+                before = store.submaps[k - 1]
+                c, s = math.cos(submap.node.yaw), math.sin(submap.node.yaw)
+                node_from_local = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+                floor = np.diag([1e-4, 1e-4, 4e-6])
+                covariance = node_from_local @ submap.drift @ node_from_local.T + floor
+                self.graph.edges.append(
+                    Edge(k - 1, k, between(before.node, submap.node), STANDING, _inverted(covariance), False)
+                )
+                self._costs.append(self._cost(covariance))
+        while len(self._places) < len(store.submaps) and store.submaps[len(self._places)].packed is not None:
+            submap = store.submaps[len(self._places)]
+            first = submap.first_keyframe
+            places = [k.local_from_base[:2] for k in store.keyframes[first : first + submap.num_keyframes]]
+            self._places.append(np.array(places))
+
+    def _cost(self, covariance: FloatArray) -> float:
+        return float(covariance[0, 0] + covariance[1, 1] + covariance[2, 2] * self.config.lever**2)
+
+    def _candidates(self, number: int) -> list[tuple[int, Spread]]:
+        """Finished submaps about the robot, the one that it is tied to least first, with their windows."""
+        c, keyframe = self.config, self.store.keyframes[number]
+        active = keyframe.submap
+        here = self.store.map_from_base(keyframe)
+        n = len(self.graph.poses)
+        edges = self.graph.edges
+        rows, columns = [e.first for e in edges], [e.second for e in edges]
+        if not edges:
+            return []
+        # Of several ties between two submaps the parallel sum counts.
+        ties = sparse.coo_matrix((1.0 / np.array(self._costs), (rows, columns)), shape=(n, n)).tocsr()
+        ties.data = np.reciprocal(ties.data)  # pyright: ignore[reportArgumentType, reportCallIssue]
+        variance = dijkstra(ties, directed=False, indices=active)
+        found = []
+        for k in range(min(len(self._places), active - 1)):
+            uncertain = c.deviations * math.sqrt(variance[k])
+            position = min(max(uncertain, c.least_position), c.most_position)
+            yaw = min(max(uncertain / c.lever, c.least_yaw), c.most_yaw)
+            in_local = compose(inverse(self.store.submaps[k].map_from_local), here)
+            away = math.sqrt(float(((self._places[k] - in_local[:2]) ** 2).sum(axis=1).min()))
+            if away < c.near + position:
+                found.append((variance[k], k, Spread(position, yaw)))
+        found.sort(key=lambda item: (-item[0], item[1]))
+        return [(k, spread) for _, k, spread in found[: c.candidates]]
+
+    def _try(self, k: int, spread: Spread, bundle: Bundle) -> None:
+        submaps = self.store.submaps
+        here = compose(submaps[bundle.submap].map_from_local, bundle.local_from_base)
+        centre = compose(inverse(submaps[k].map_from_local), here)
+        self.num_tried += 1
+        packed = submaps[k].packed
+        assert packed is not None  # candidates are finished
+        closure = self._search.find(k, packed, bundle, centre, spread)
+        if closure is None:
+            return
+        self.num_closed += 1
+        self.graph.edges.append(
+            Edge(
+                k,
+                bundle.submap,
+                between(submaps[k].node, closure.local_from_base),
+                between(submaps[bundle.submap].node, bundle.local_from_base),
+                closure.information,
+                True,
+            )
+        )
+        self._costs.append(self._cost(_inverted(closure.information + np.diag([1.0, 1.0, 100.0]))))
+        self._num_new += 1
+
+    def _optimise(self) -> None:
+        submaps = self.store.submaps
+        self._num_new = 0
+        self.graph.poses = [compose(submap.map_from_local, submap.node) for submap in submaps]
+        self.graph.optimise()
+        for submap, pose in zip(submaps, self.graph.poses):
+            submap.map_from_local = compose(pose, inverse(submap.node))
+
+
+def _inverted(matrix: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.inv(matrix), np.float64)

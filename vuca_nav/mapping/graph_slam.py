@@ -1,0 +1,109 @@
+"""SLAM as a whole: the front end follows the robot, the back end corrects the map, a slice of work a scan."""
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from vuca_nav.geometry import between, compose
+from vuca_nav.mapping.front_end import FrontEnd, FrontEndConfig, Tracked
+from vuca_nav.mapping.graph.back_end import BackEnd, BackEndConfig
+from vuca_nav.mapping.returns import ReturnReader
+from vuca_nav.mapping.submaps import SubmapStore
+from vuca_nav.perception.percept import LevelScan
+from vuca_nav.types import STANDING, LidarSpec, Pose2
+
+
+@dataclass(frozen=True, slots=True)
+class GraphSlamConfig:
+    """Settings of SLAM."""
+
+    reach: float = 20.0
+    """Returns from farther away are not matched [m]."""
+    surface_thickness: float = 0.1
+    """A beam does not empty occupied cells while it is this near to the surface it ends on: two cells [m]."""
+    slices: int = 1
+    """Slices of the back end's work that are done after a scan."""
+    front_end: FrontEndConfig = field(default_factory=FrontEndConfig)
+    back_end: BackEndConfig = field(default_factory=BackEndConfig)
+
+
+class Anchored(NamedTuple):
+    """A pose that moves along with the submap that it was found in."""
+
+    submap: int
+    local_from_base: Pose2
+
+    def map_from_base(self, store: SubmapStore) -> Pose2:
+        """Where it is by now."""
+        return compose(store.submaps[self.submap].map_from_local, self.local_from_base)
+
+
+class GraphSlam:
+    """``update(level, odom_from_base)`` once a scan.
+
+    Attributes:
+        store: Submaps and keyframes.
+        back_end: The back end, with the pose graph.
+        tracked: What the front end found at the last scan; None before the first.
+        place: The last scan's pose.
+    """
+
+    def __init__(self, lidar: LidarSpec, config: GraphSlamConfig = GraphSlamConfig()):
+        self.config = config
+        self._reader = ReturnReader(lidar, config.reach, config.surface_thickness)
+        self.front_end = FrontEnd(lidar.num_beams, config.front_end)
+        self.reset(STANDING)
+
+    def reset(self, start: Pose2) -> None:
+        """Forget everything and start at a pose of the map."""
+        self.front_end.reset(start)
+        self.store = self.front_end.store
+        self.back_end = BackEnd(self.store, self.config.front_end.alignment, self.config.back_end)
+        self.tracked: Tracked | None = None
+        self.place = Anchored(0, start)
+        self._odom_from_base: Pose2 | None = None
+        self._waiting: deque[int] = deque()
+        self._work: Iterator[None] | None = None
+
+    @property
+    def map_from_local(self) -> Pose2:
+        """Transform into the map from the frame in which the robot's way goes on without jumps."""
+        return self.store.submaps[self.place.submap].map_from_local if self.store.submaps else STANDING
+
+    def update(self, level: LevelScan, odom_from_base: Pose2) -> Pose2:
+        """Localise a scan, and do the next slice of the back end's work.
+
+        Args:
+            level: The scan.
+            odom_from_base: Odometry at its time.
+
+        Returns:
+            ``map_from_base``.
+        """
+        last, self._odom_from_base = self._odom_from_base, odom_from_base
+        motion = STANDING if last is None else between(last, odom_from_base)
+        submap = max(self.front_end.active, 0)
+        self.tracked = self.front_end.track(self._reader.read(level), motion)
+        self.place = Anchored(submap, self.tracked.local_from_base)
+        if self.tracked.keyframe is not None:
+            self._waiting.append(len(self.store.keyframes) - 1)
+        for _ in range(self.config.slices):
+            self._do_slice()
+        return compose(self.map_from_local, self.place.local_from_base)
+
+    def _do_slice(self) -> None:
+        while self._work is not None or self._waiting:
+            if self._work is None:
+                self._work = self.back_end.work(self._waiting.popleft())
+            try:
+                next(self._work)
+                return
+            except StopIteration:
+                self._work = None
+
+    def finish(self) -> None:
+        """Do all of the back end's work that is left, and optimise once more."""
+        while self._work is not None or self._waiting:
+            self._do_slice()
+        self.back_end.finish()

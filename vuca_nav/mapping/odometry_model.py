@@ -1,0 +1,96 @@
+"""How far odometry may be trusted: the variance of its motions, learnt from what good matches say.
+
+The variance of a motion is the sum of independent errors, one for each metre and one for each radian that it goes: so
+it depends on the motion and not on how many scans it is cut into, and a robot that stands gathers none (Thrun, Burgard
+and Fox 2005, Section 5.4). Whatever the matches leave over scales the rates up and down.
+"""
+
+import math
+from dataclasses import dataclass
+
+from vuca_nav.mapping.alignment import Spread
+from vuca_nav.types import Pose2
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryModelConfig:
+    """Rates before anything is learnt, those of a common wheeled base, and how quickly they follow."""
+
+    position_per_metre: float = 5e-4
+    """Variance of the position [m^2 / m]: 2 cm after a metre."""
+    position_per_radian: float = 6e-4
+    """Variance of the position [m^2 / rad]."""
+    yaw_per_metre: float = 3e-4
+    """Variance of the yaw [rad^2 / m]: 1 degree after a metre."""
+    yaw_per_radian: float = 2.7e-3
+    """Variance of the yaw [rad^2 / rad]: 3 degrees after a radian."""
+    match_position: float = 0.002
+    """Deviation of a match itself, which is no error of odometry [m]."""
+    match_yaw: float = 0.0005
+    """[rad]"""
+    rate: float = 0.05
+    """Share by which one motion between keyframes may change the rates."""
+    most: float = 9.0
+    """A residual beyond three deviations counts as one of three: slips must not spoil the rates."""
+
+
+class OdometryModel:
+    """Variance of odometry's motions. ``spread(motion)`` before a match, ``learn`` after good ones."""
+
+    def __init__(self, config: OdometryModelConfig = OdometryModelConfig()):
+        self.config = config
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what has been learnt."""
+        c = self.config
+        self._position = [c.position_per_metre, c.position_per_radian]
+        self._yaw = [c.yaw_per_metre, c.yaw_per_radian]
+
+    @property
+    def rates(self) -> tuple[float, float, float, float]:
+        """Variances of position per metre and radian, of yaw per metre and radian."""
+        return (self._position[0], self._position[1], self._yaw[0], self._yaw[1])
+
+    def variances(self, way: float, turn: float) -> tuple[float, float]:
+        """Variances of position and yaw after a motion.
+
+        Args:
+            way: Length of the way [m].
+            turn: Sum of the turning, whichever way [rad].
+        """
+        return (
+            self._position[0] * way + self._position[1] * turn,
+            self._yaw[0] * way + self._yaw[1] * turn,
+        )
+
+    def spread(self, way: float, turn: float) -> Spread:
+        """Standard deviations after a motion; arguments as of ``variances``."""
+        position, yaw = self.variances(way, turn)
+        return Spread(math.sqrt(position), math.sqrt(yaw), way, turn)
+
+    def learn(self, way: float, turn: float, residual: Pose2, learns_position: bool) -> None:
+        """Take in what matches have corrected over a motion.
+
+        Args:
+            way: Length of the way [m].
+            turn: Sum of the turning [rad].
+            residual: Motion by odometry, in the frame of the motion by matches.
+            learns_position: Whether the matches were sure of the position in every direction.
+        """
+        c = self.config
+        position, yaw = self.variances(way, turn)
+        if learns_position:
+            seen = 0.5 * (residual.x * residual.x + residual.y * residual.y)
+            _scale(self._position, (way, turn), seen, position, c.match_position**2, c)
+        _scale(self._yaw, (way, turn), residual.yaw * residual.yaw, yaw, c.match_yaw**2, c)
+
+
+def _scale(rates: list[float], motion: tuple[float, float], seen: float, expected: float, noise: float, c) -> None:
+    """Scale each rate by its part in what was expected, towards what was seen."""
+    total = expected + noise
+    if total <= 0.0:
+        return
+    surprise = min(seen / total, c.most) - 1.0
+    for k in range(2):
+        rates[k] = max(rates[k] * (1.0 + c.rate * surprise * rates[k] * motion[k] / total), 1e-9)

@@ -1,0 +1,1 @@
+"""SLAM over recorded logs: readers, the run, its results."""
