@@ -258,16 +258,21 @@ def _episode(arguments: EpisodeArguments, default: str) -> EpisodeConfig:
     from eval.episode import EpisodeConfig
 
     scene = {field.name: getattr(arguments, field.name) for field in fields(SceneArguments)}
-    method = _method(arguments, default)
-    _check_robot_trust(arguments.robot, arguments)
+    method = driver_of(arguments, default)
     options = options_of(arguments)
     return EpisodeConfig(**scene, robot=arguments.robot, method=method, options=options, trust=arguments.trust)
 
 
-def _method(arguments: DriverArguments, default: str) -> str:
-    """The method that is asked for."""
+def driver_of(arguments: DriverArguments, default: str) -> str:
+    """The method that is asked for; refuses method and robot of the user's own without --trust.
+
+    Args:
+        arguments: Arguments of the command.
+        default: Method that runs where none is named.
+    """
     method = arguments.method or default
     _check_trust(method, arguments)
+    _check_robot_trust(arguments.robot, arguments)
     return method
 
 

@@ -1,12 +1,12 @@
 """The steps that go into a bundle: missions in the simulator, driven by the very stack that is exported."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from eval.episode import Episode, EpisodeConfig
-from eval.methods import MethodOptions
 from vuca_nav.build import StackConfig, build_navigator
 from vuca_nav.deploy.steps import StepsRecorder
 from vuca_nav.exploration.critic import CriticNetwork, LearnedCritic
@@ -17,28 +17,24 @@ from vuca_nav.stack import Stack
 from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import FloatArray
 
-STEPS = 1000
-"""Number of steps of the policy, or of ticks where no network drives."""
 WORLD, REGION, FIRST_SEED = "factory", 2, 900
 """Missions: the factory's corridors and halls with moving obstacles; no result is reported on these seeds."""
 MOST_MISSIONS = 20
 
 
 def record_steps(
-    robot: str,
-    method: tuple[str, MethodOptions],
+    task: EpisodeConfig,
     config: StackConfig,
     progress: Callable[[int], None],
-    count: int = STEPS,
+    count: int,
 ) -> tuple[StepsRecorder, dict[str, str]]:
     """Drive missions until there are so many steps.
 
     Args:
-        robot: The robot's name.
-        method: The method's name, and changes to it.
+        task: World, robot and method of the missions; their seeds are ``FIRST_SEED`` and those after it.
         config: The stack.
         progress: Called with the number of steps so far.
-        count: Number of steps.
+        count: Number of steps of the policy, or of ticks where no network drives.
 
     Returns:
         The steps, and which missions they are of.
@@ -47,8 +43,7 @@ def record_steps(
     done = 0
     while done < count and len(seeds) < MOST_MISSIONS:
         seeds.append(FIRST_SEED + len(seeds))
-        name, options = method
-        episode = Episode(EpisodeConfig(WORLD, REGION, robot, name, seeds[-1], options=options))
+        episode = Episode(replace(task, seed=seeds[-1]))
         simulation = episode.simulation(Telemetry())
         scan, odometry = simulation.reset()
         navigator = build_navigator(config, episode.body.spec, episode.body.lidar)
@@ -63,7 +58,7 @@ def record_steps(
             outcome = episode.judge(simulation)
             done = len(recorder.acted) if acts else recorder.ticks
             progress(done)
-    return recorder, {"world": f"{WORLD} --region {REGION}", "seeds": ", ".join(map(str, seeds))}
+    return recorder, {"world": f"{task.world} --region {task.region}", "seeds": ", ".join(map(str, seeds))}
 
 
 def _listen(navigator: Stack, recorder: StepsRecorder) -> bool:

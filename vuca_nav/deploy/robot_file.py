@@ -99,7 +99,8 @@ class RobotFile:
     def __post_init__(self) -> None:
         """Raise BadArgument for a body that cannot be driven, or a deceleration that is not positive."""
         body, right = self.body, "above 0 and at most"
-        _check_names(body, ("name",))
+        right_name = "a text of 1 to 200 characters that can be printed"
+        check_fields(body, right_name, lambda name: 1 <= len(name) <= 200 and name.isprintable(), "name")
         check_fields(body, f"{right} {FASTEST:g}", lambda v: 0.0 < v <= FASTEST, "max_v_x", "max_w_z")
         check_fields(body, f"0 to {FASTEST:g}", lambda v: 0.0 <= v <= FASTEST, "max_v_y")
         check_fields(body, f"-{FASTEST:g} to 0", lambda v: -FASTEST <= v <= 0.0, "min_v_x")

@@ -152,6 +152,23 @@ def test_what_cannot_be_exported_is_told(tmp_path, method, message):
     assert not (tmp_path / "bundle").exists()
 
 
+def test_what_runs_the_users_own_code_needs_trust(tmp_path):
+    with pytest.raises(BadArgument, match="add --trust"):
+        export(["--method", "my_planner:build", "--out", str(tmp_path / "bundle")])
+
+
+def test_a_planner_of_the_users_own_is_refused_without_being_run(tmp_path, monkeypatch):
+    (tmp_path / "my_planner.py").write_text("raise SystemExit('it ran')\n")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(BadArgument, match="a planner of your own is Python"):
+        export(["--method", "my_planner:build", "--trust", "--out", str(tmp_path / "bundle")])
+
+
+def test_the_manifest_does_not_tell_where_the_bundle_lay(exported):
+    command = load_bundle(exported).manifest.content["command"]
+    assert command == "vuca export --method ours --gamma 200 --steps 60 --out bundle"
+
+
 def test_the_extra_that_brings_onnxruntime_is_named(copy, monkeypatch):
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
     with pytest.raises(ModuleNotFoundError) as caught:
