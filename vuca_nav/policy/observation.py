@@ -319,7 +319,7 @@ class PerceptObserver:
         past = percept.history.past(self._lags)
         if self.config.kind == "frames":
             frames.write_frames(
-                percept.scan.ranges, past, goal_in_base, percept.twist, self._body, self.config.max_range,
+                percept.ring, past, goal_in_base, percept.twist, self._body, self.config.max_range,
                 self._observation,
             )  # fmt: skip
             return self._observation

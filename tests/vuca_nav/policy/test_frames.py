@@ -8,8 +8,9 @@ import pytest
 
 from tests.vuca_nav.rooms import disc_body
 from vuca_nav.errors import BadArgument
+from vuca_nav.perception.perception import Perception, PerceptionConfig
 from vuca_nav.policy.observation import ObservationConfig, Observer, PerceptObserver
-from vuca_nav.types import LidarSpec
+from vuca_nav.types import LidarSpec, Odometry, Pose2, Scan, Twist2
 
 FRAMES = ObservationConfig(kind="frames", sectors=90, history=2)
 RADIUS = 0.28
@@ -84,3 +85,26 @@ def test_the_goal_where_the_robot_is_has_no_direction():
     seen = observe(Observer(FRAMES, [BODY], 360, 10.0), np.full(360, 3.0), (0.0, 0.0))
     assert all(math.isfinite(value) for value in seen)
     assert seen[270:272].tolist() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    "lidar",
+    [
+        LidarSpec(num_beams=720, angle_min=-2.356, angle_increment=0.00655, mount=Pose2(0.12, 0.0, 0.0)),
+        LidarSpec(num_beams=181, angle_min=0.5 * math.pi, angle_increment=-math.pi / 180.0),
+    ],
+)
+def test_any_lidar_shows_the_wall_where_it_stands(lidar):
+    """A wall 2 m ahead of base_link, seen by lidars that are no rings."""
+    directions = lidar.angles_in_base()
+    with np.errstate(divide="ignore"):
+        ranges = (2.0 - lidar.mount.x) / np.cos(directions)
+    ranges[(ranges <= 0.0) | (ranges > 9.0)] = np.inf
+    perception = Perception(lidar, PerceptionConfig(memory=FRAMES.memory), BODY)
+    percept = perception.update(Scan(0.0, ranges), Odometry(0.0, Pose2(0.0, 0.0, 0.0), Twist2(0.0, 0.0, 0.0)))
+    seen = PerceptObserver(FRAMES, BODY, lidar).observe(percept, (1.0, 0.0))
+    ahead = (seen[180:270] + 0.5) * FRAMES.max_range + RADIUS
+    bearings = -0.5 * math.pi + (np.arange(90) + 0.5) * math.pi / 90.0
+    near = np.abs(bearings) < 1.0
+    assert ahead[near] == pytest.approx(2.0 / np.cos(bearings[near]), rel=0.04)
+    np.testing.assert_array_equal(seen[180:270], seen[:90])
