@@ -36,12 +36,12 @@ def copy(exported, tmp_path):
     return shutil.copytree(exported, tmp_path / "copy")
 
 
-def rewrite(directory, **changed):
+def rewrite(directory, about=None, **changed):
     """Change files of a bundle, and sign it again."""
     manifest = load_bundle(directory).manifest
     files = {name: (directory / name).read_bytes() for name in manifest.files}
-    about = {key: value for key, value in manifest.content.items() if key not in ("files", "digest")}
-    write_bundle(directory, {**files, **changed}, about)
+    before = {key: value for key, value in manifest.content.items() if key not in ("files", "digest")}
+    write_bundle(directory, {**files, **changed}, {**before, **(about or {})})
 
 
 def test_a_bundle_is_the_stack_that_the_testbed_drives(exported):
@@ -99,6 +99,19 @@ def test_steps_of_another_network_are_told(copy, capsys):
     rewrite(copy, **{STEPS: steps_file(steps._replace(observations=steps.observations[:, :-1]), {})})
     with pytest.raises(BadBundle, match="takes 157 numbers, the recorded steps have 156"):
         check([str(copy)])
+
+
+def test_a_stack_that_drives_otherwise_is_told_on_a_machine_of_the_same_kind(copy, capsys):
+    steps = read_steps(copy / STEPS)
+    commands = steps.commands.copy()
+    commands[40, 2] += 1e-9
+    rewrite(copy, **{STEPS: steps_file(steps._replace(commands=commands), {})})
+    assert check([str(copy)]) == 1
+    assert "from tick 40 on they differ, by up to 1e-09: NO, on a machine of the same kind" in capsys.readouterr().out
+    made_by = load_bundle(copy).manifest.content["made_by"]
+    rewrite(copy, {"made_by": {**made_by, "machine": {**made_by["machine"], "cpu": "another"}}})
+    assert check([str(copy)]) == 0
+    assert "another processor, C library or version" in capsys.readouterr().out
 
 
 def test_a_graph_with_another_contract_is_told(copy):
