@@ -34,6 +34,7 @@ from vuca_nav.wire import NANOSECONDS, seconds
 
 SCAN, ODOMETRY, IMU = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu"
 GOAL, TRANSFORMS = "geometry_msgs/msg/PoseStamped", "tf2_msgs/msg/TFMessage"
+START = "geometry_msgs/msg/PoseWithCovarianceStamped"
 LONGEST_GAP = 1.0
 """Longest time between two scans that is ticked through [s]; after a longer one the stack goes on where they do."""
 EARLIEST = 0.2
@@ -150,6 +151,7 @@ class OpenLoopRun:
     def __init__(self, bundle: Bundle, topics: Topics, goal: tuple[float, float] | None, telemetry: Telemetry):
         self._bundle, self._topics, self._goal, self._telemetry = bundle, topics, goal, telemetry
         self._has_own_goal = goal is not None
+        self._start = STANDING
         self._period = round(NANOSECONDS / bundle.config.navigator.rate)
         self._early = round(EARLIEST * self._period)
         self._navigator: Navigator | None = None
@@ -200,6 +202,11 @@ class OpenLoopRun:
             self._goal = pose.x, pose.y
             if self._navigator is not None:
                 self._navigator.head_for(self._goal)
+        elif message.type_name == START and name == self._bundle.robot.topics.initial_pose:
+            start = decode(message.data, START)
+            self._start = pose_of(start.header, start.pose.pose, self._bundle.robot.frames.map)
+            if self._navigator is not None:
+                self._navigator.reset(self._start, self._goal)
 
     def _take_odometry(self, message: Any) -> None:
         if self._frames is None:
@@ -243,7 +250,7 @@ class OpenLoopRun:
         lidar = lidar_of(message, self._bundle.lidar, place, is_inverted=inverted)
         self._navigator = self._bundle.navigator(self._telemetry, lidar)
         self._first_scan = message
-        self._navigator.reset(STANDING, self._goal)
+        self._navigator.reset(self._start, self._goal)
 
     def _tick(self, stamp: int, scan: SensedScan) -> None:
         """A step of the stack at a time [ns]."""

@@ -110,6 +110,15 @@ def test_a_goal_of_the_log_is_taken(bundle, tmp_path, capsys):
     assert run(bundle, record(tmp_path / "bag", messages), capsys)[0]["goal"] == [6.0, 0.0]
 
 
+def test_an_initial_pose_of_the_log_is_where_the_map_begins(bundle, tmp_path, capsys):
+    kind = "geometry_msgs/msg/PoseWithCovarianceStamped"
+    start = new(kind, header=new("std_msgs/msg/Header", frame_id="map"))
+    start.pose.pose.position.x, start.pose.pose.position.y, start.pose.pose.orientation.w = 3.0, 1.0, 1.0
+    messages = sorted([*readings(1.0), (BEGAN - 2, "/initialpose", kind, encode(start, kind))])
+    end = run(bundle, record(tmp_path / "bag", messages), capsys)[0]["end"]
+    assert end[:2] == pytest.approx([3.0 + SPEED * 14 / 15, 1.0], abs=0.05)
+
+
 def test_a_scan_faster_than_the_stack_is_taken_at_the_stacks_rate(bundle, tmp_path, capsys):
     result, _ = run(bundle, record(tmp_path / "bag", readings(1.0, scan_rate=60, odometry_rate=60)), capsys)
     assert result["scans"] == 60
