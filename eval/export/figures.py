@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from eval.analysis.summary import is_result, summarise
-from eval.episode import OUTCOMES, EpisodeConfig
+from eval.episode import OUTCOMES
 from eval.kept import SUFFIX, read_lines, read_stored
 from eval.methods import AnyConfig, identity_of
 from vuca_nav.data_files import parse_json, read_text
@@ -14,8 +14,6 @@ from vuca_nav.errors import BadArgument, VucaError
 
 ROWS = Path(__file__).resolve().parents[2] / "docs" / "results" / "rows"
 """The kept rows of the clone that this code runs from; an installed package has none."""
-_DEFAULTS = EpisodeConfig().row()
-"""What a row of before an option was there lacks."""
 _LINE = re.compile(r"- (Command|Commit|Steps|Started from|Learnt from|Cross entropy[^:]*): (.*)")
 
 
@@ -86,4 +84,4 @@ def _rows(source: Path) -> Iterator[dict[str, Any]]:
     for number, line in enumerate(lines, start=1):
         row = parse_json(line, f"{place}: row {number}", VucaError)
         if isinstance(row, dict):
-            yield {**_DEFAULTS, **row}
+            yield row
