@@ -61,3 +61,15 @@ def gate_row(seed: int, policy: str, situations: dict[str, list[int]]) -> dict[s
         for name, leads in situations.items()
     }
     return {"policy": policy, "kind": "static", "seed": seed, "situations": told}
+
+
+def write_each(folder: Path) -> list[Path]:
+    """A file of each kind of measurement."""
+    shares = [[], [0.7, 0.3], [0.2, 0.8]]
+    rows = {
+        "moments": [moment_row(1, 0.5, True)],
+        "heatmap": [heatmap_row(1, 0.1, 0.1, view=view())],
+        "gate": [gate_row(1, "paper", {"open floor": [3, 1]})],
+        "courses": [course_row("ours", shares=shares), course_row("drl", "collision")],
+    }
+    return [write_measurement(folder / f"{kind}.jsonl", kind, found) for kind, found in rows.items()]

@@ -20,6 +20,7 @@ from tests.eval.analysis.report.measured import (
     heatmap_row,
     moment_row,
     view,
+    write_each,
     write_measurement,
 )
 from tests.eval.analysis.report.synthetic import episodes, write_evaluation
@@ -240,15 +241,7 @@ def test_a_method_that_is_better_but_not_everywhere(tmp_path):
 @pytest.fixture
 def measured(tmp_path):
     """A file of each kind of measurement."""
-    shares = [[], [0.7, 0.3], [0.2, 0.8]]
-    return [
-        write_measurement(tmp_path / "moments.jsonl", "moments", [moment_row(1, 0.5, True)]),
-        write_measurement(tmp_path / "heatmap.jsonl", "heatmap", [heatmap_row(1, 0.1, 0.1, view=view())]),
-        write_measurement(tmp_path / "gate.jsonl", "gate", [gate_row(1, "paper", {"open floor": [3, 1]})]),
-        write_measurement(
-            tmp_path / "courses.jsonl", "courses", [course_row("ours", shares=shares), course_row("drl", "collision")]
-        ),
-    ]
+    return write_each(tmp_path)
 
 
 def test_a_report_with_measurements(tmp_path, measured):

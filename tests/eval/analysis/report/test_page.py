@@ -13,6 +13,7 @@ from PIL import Image
 from eval.analysis.report.pages import write_reports
 from eval.commands import report
 from eval.kept import keep_rows
+from tests.eval.analysis.report.measured import write_each
 from tests.eval.analysis.report.synthetic import CONTACT, FAILURE, episodes, write_evaluation
 from vuca_nav.errors import BadArgument
 
@@ -61,7 +62,7 @@ def folder(tmp_path):
 
 @pytest.fixture
 def page(folder, tmp_path):
-    write_reports([folder], tmp_path / "out")
+    write_reports([folder, *write_each(tmp_path)], tmp_path / "out")
     return tmp_path / "out" / "report.html"
 
 
@@ -74,10 +75,10 @@ def test_it_needs_nothing_else(page):
     assert len(found.ids) == len(set(found.ids))
     assert {link[1:] for link in found.links if link.startswith("#")} <= set(found.ids)
     assert {"nav", "h1", "h2", "h3"} <= set(found.tags)
-    # Evaluations, answers, claims, outcomes, measures, tests, contacts, failures, bodies, and the facts.
-    assert found.tags.count("table") == 10
-    # Of each robot the metrics, the contacts, the dials and the difficulties.
-    assert found.tags.count("svg") == 8
+    # Evaluations, answers, claims, outcomes, measures, tests, contacts, failures, bodies, moments, and what was run.
+    assert found.tags.count("table") == 10 + 5
+    # Of each robot the metrics, the contacts, the dials and the difficulties; heatmap, courses, gate and its course.
+    assert found.tags.count("svg") == 8 + 4
     assert "&lt;script&gt;alert(1)" in text
 
 
@@ -173,7 +174,7 @@ def test_a_browser_reads_it(page, tmp_path):
     dom, console = open_in(browser, page, 800, tmp_path / "profile")
     assert console == []
     tags = Page(dom).tags
-    assert (tags.count("table"), tags.count("svg"), tags.count("img")) == (10, 8, 1)
+    assert (tags.count("table"), tags.count("svg"), tags.count("img")) == (15, 12, 1)
     # On a phone tables and figures scroll in their frames, and the page itself is no wider than the screen.
     probe = tmp_path / "probe.html"
     measure = "<script>document.title = `${document.documentElement.scrollWidth} of ${innerWidth}`</script></body>"
