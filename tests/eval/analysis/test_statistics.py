@@ -12,6 +12,8 @@ from eval.analysis.statistics import (
     mcnemar_exact,
     mcnemar_mid_p,
     mean,
+    mean_difference,
+    mean_over,
     paired_difference,
     paired_e_value,
     resampled_totals,
@@ -259,3 +261,37 @@ def test_resampled_totals():
     assert (by_stratum == 100.0).all()
     again = resampled_totals(sums, np.zeros(50, int), 4000, np.random.default_rng(0))
     np.testing.assert_array_equal(totals, again)
+
+
+def test_a_seed_counts_once_in_mcnemars_test():
+    """Ten seeds of three episodes each: the second arrives more often in nine, less often in one."""
+    seeds = np.repeat(np.arange(10), 3)
+    first = np.zeros(30, np.bool_)
+    second = np.tile([True, True, False], 10)
+    first[:3], second[:3] = True, [True, False, False]
+    assert mcnemar_exact(first, second, seeds) == pytest.approx(stats.binomtest(9, 10).pvalue)
+    assert mcnemar_exact(first, second, np.arange(30)) == mcnemar_exact(first, second)
+    balanced = np.array([True, False]), np.array([False, True])
+    assert mcnemar_exact(*balanced, clusters=np.zeros(2)) == 1.0
+
+
+def test_a_difference_of_differences_has_twice_the_range():
+    shares = np.array([0.5, -0.5, 0.0, 1.0, 0.25])
+    one = mean_difference(shares)
+    assert mean_difference(2.0 * shares, most=2.0) == pytest.approx([2.0 * part for part in one])
+    assert mean_difference(np.full(50, 2.0), most=2.0)[2] == pytest.approx(2.0)
+    assert mean_difference(np.zeros(50), most=2.0)[2] > mean_difference(np.zeros(50))[2] > 0.0
+
+
+@given(st.lists(st.floats(-1.0, 1.0), min_size=2, max_size=30))
+@settings(max_examples=50)
+def test_students_interval_is_scipys(values):
+    found = mean_over(values)
+    assert found is not None
+    error = stats.sem(values)
+    low, high = stats.t.interval(0.95, len(values) - 1, np.mean(values), error) if error > 0 else (values[0], values[0])
+    assert (found.low, found.high) == pytest.approx((low, high), abs=1e-9)
+
+
+def test_one_value_has_no_interval():
+    assert mean_over([0.3]) is None
