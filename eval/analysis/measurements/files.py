@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from tqdm import tqdm
 
-from eval.checked import COUNT, NUMBER, NUMBERS, OBJECT, ROW_KINDS, RUN_KINDS, TEXT, Kind, check_values
+from eval.checked import COUNT, NUMBER, NUMBERS, ROW_KINDS, RUN_KINDS, TEXT, Kind, check_values
 from eval.episode import EpisodeConfig
 from eval.evaluate import pause_of_progress
 from eval.kept import MOST_BYTES, SUFFIX, told_command, unpacked
@@ -72,9 +72,36 @@ def _is_moment(value: Any) -> bool:
     return isinstance(value, dict) and all(NUMBER.or_none().test(value.get(name, "")) for name in named)
 
 
+def _numbers(value: Any, count: int) -> bool:
+    return NUMBERS.test(value) and len(value) == count
+
+
+def _lists(value: Any, count: int) -> bool:
+    return isinstance(value, list) and all(_numbers(each, count) for each in value)
+
+
 def _is_scene(value: Any) -> bool:
-    lists = isinstance(value, dict) and all(list_of(NUMBERS).test(value.get(n)) for n in ("boxes", "cylinders"))
-    return lists and all(NUMBERS.test(value.get(n)) for n in ("bounds", "start", "goal"))
+    return (
+        isinstance(value, dict)
+        and _lists(value.get("boxes"), 5)
+        and _lists(value.get("cylinders"), 3)
+        and all(_numbers(value.get(name), count) for name, count in (("bounds", 4), ("start", 2), ("goal", 2)))
+    )
+
+
+def _is_view(value: Any) -> bool:
+    return (
+        isinstance(value, dict)
+        and isinstance(value.get("levels"), str)
+        and NUMBER.test(value.get("half_side"))
+        and _lists(value.get("movers"), 3)
+        and _is_scene(value.get("scene"))
+        and all(_numbers(value.get(name), count) for name, count in (("pose", 3), ("scale", 2)))
+    )
+
+
+def _is_path(value: Any) -> bool:
+    return _lists(value, 2) and len(value) > 0
 
 
 def _is_situations(value: Any) -> bool:
@@ -91,13 +118,13 @@ _EPISODE = ("world", "region", "without", "movers", "speed", "sighted", "start",
 KINDS: Mapping[str, Fields] = {
     "moments": Fields({**ROW_KINDS, "t_inevitable": NUMBER.or_none()}, (*_EPISODE, "contact", "t_inevitable")),
     "heatmap": Fields(
-        {**ROW_KINDS, "moments": list_of(Kind("a moment", _is_moment)), "view": OBJECT.or_none()},
+        {**ROW_KINDS, "moments": list_of(Kind("a moment", _is_moment)), "view": Kind("a view", _is_view).or_none()},
         (*_EPISODE, "moments", "view"),
     ),
     "courses": Fields(
         {
             **ROW_KINDS,
-            "path": list_of(NUMBERS),
+            "path": Kind("a list of places", _is_path),
             "expert_shares": list_of(NUMBERS).or_none(),
             "period": NUMBER,
             "scene": Kind("a scene", _is_scene),

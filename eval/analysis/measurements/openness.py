@@ -149,8 +149,9 @@ def critic_of(navigator: object, config: EpisodeConfig) -> Critic:
 
 
 def _placed(parts: Sequence[Shape], poses: FloatArray) -> list[Shape]:
-    """The movers' parts where they are: a shape's own offset is in the pose of its part already."""
-    return [_moved(shape, pose) for shape, pose in zip(parts, poses.tolist(), strict=True)]
+    """The movers' parts where they are, those that are nowhere left out; a part's offset is in its pose already."""
+    found = zip(parts, poses.tolist(), strict=True)
+    return [_moved(shape, pose) for shape, pose in found if all(map(math.isfinite, pose))]
 
 
 def _moved(shape: Shape, pose: list[float]) -> Shape:

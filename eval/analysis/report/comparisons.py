@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -280,13 +280,15 @@ def gate_counts(rows: Sequence[Row], situations: Sequence[str]) -> GateCounts:
     """The counts of a gate's rows in some situations."""
     kinds = {name: k for k, name in enumerate(sorted({row["kind"] for row in rows}))}
     experts = max(len(each["leads"]) for row in rows for each in row["situations"].values())
-    nothing: Mapping[str, object] = {"decisions": 0, "leads": [0] * experts, "shares": [0.0] * experts}
+    nothing: Mapping[str, Any] = {"decisions": 0, "leads": [0] * experts, "shares": [0.0] * experts}
     told = [[row["situations"].get(name, nothing) for name in situations] for row in rows]
     return GateCounts(
         np.array([kinds[row["kind"]] for row in rows]),
         np.array([[each["decisions"] for each in row] for row in told], float),
-        np.array([[each["leads"] for each in row] for row in told], float),
-        np.array([[each["shares"] for each in row] for row in told], float),
+        *(
+            np.array([[[*each[name], *[0] * (experts - len(each[name]))] for each in row] for row in told], float)
+            for name in ("leads", "shares")
+        ),
     )
 
 
@@ -302,7 +304,7 @@ def _halves(
 
 def places_of(suite: str) -> tuple[str, ...]:
     """The places of a suite in words, in its order."""
-    return tuple(unique(place_of({**asdict(task), "start": None, "goal": None}) for task in find_suite(suite).tasks))
+    return tuple(unique(place_of({"start": None, "goal": None, **asdict(task)}) for task in find_suite(suite).tasks))
 
 
 def _of_methods(

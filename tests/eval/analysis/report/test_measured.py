@@ -148,6 +148,13 @@ def test_the_gate(tmp_path):
     assert answers(evidence_of(tmp_path / "split", (), "gate", gates(split)))[GATE, "ours", "all"][0] == "no"
 
 
+def test_policies_of_more_and_of_fewer_experts(tmp_path):
+    rows = [gate_row(seed, "fusion-plus", {n: [9, 1] if seed % 4 < 2 else [9, 0, 1] for n in BEHAVIOURS})
+            for seed in range(80)]  # fmt: skip
+    because = answers(evidence_of(tmp_path, (), "gate", rows))[GATE, "ours", "all"][1]
+    assert because.startswith("in open floor, expert 1 leads: 90% [90, 90]")
+
+
 def test_the_leader_is_not_chosen_where_it_is_measured(tmp_path):
     # In the even half expert 1 leads all, in the odd half expert 2: chosen there, it would lead.
     rows = [gate_row(seed, "fusion-plus", {n: [9, 1] if seed % 2 == 0 else [1, 9] for n in BEHAVIOURS})
@@ -278,6 +285,8 @@ def test_kept_measurements_are_read_like_files(tmp_path, measured):
     [
         ("moments", {"seed": 1}, "line 2: world, region"),
         ("courses", {**course_row("ours"), "path": [[1.0, "x"]]}, "line 2: path is"),
+        ("courses", {**course_row("ours"), "path": []}, "line 2: path is"),
+        ("heatmap", heatmap_row(1, 0.1, 0.1, view={**view(), "half_side": "x"}), "line 2: view is"),
         ("courses", {**course_row("ours"), "scene": {}}, "line 2: scene is"),
         ("heatmap", {**heatmap_row(1, 0.1, 0.1), "moments": [{"time": 1.0}]}, "line 2: moments is"),
         ("gate", {"policy": "p", "kind": "k", "seed": 1, "situations": {"a": {}}}, "line 2: situations is"),
