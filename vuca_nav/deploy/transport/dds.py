@@ -8,6 +8,7 @@ import struct
 import uuid
 from typing import Any
 
+import numpy as np
 from cyclonedds._clayer import ddspy_take, ddspy_write
 from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
 from cyclonedds.core import DDSException, InstanceState, ReadCondition, SampleState, ViewState, WaitSet
@@ -20,6 +21,7 @@ from cyclonedds.topic import Topic
 
 from vuca_nav.deploy.transport.dds_types import dds_topic, idl_struct, ros_topic, ros_type
 from vuca_nav.deploy.transport.interface import (
+    LATCHED,
     RELIABLE,
     Client,
     Endpoint,
@@ -45,6 +47,8 @@ SERVICES = Qos(depth=10)
 """rmw's profile of services."""
 _ENCLAVE = b"enclave=/;"
 """What ROS participants announce of their security enclave."""
+_GRAPH_TOPIC, _GRAPH_TYPE = "ros_discovery_info", "rmw_dds_common/msg/ParticipantEntitiesInfo"
+"""Where nodes tell which endpoints are theirs."""
 _MOST_ENDPOINTS = 4096
 """Greatest number of foreign publishers that are remembered, so that announcements cannot fill the memory."""
 
@@ -85,6 +89,9 @@ class DdsTransport(Transport):
         self._endpoints: dict[uuid.UUID, Endpoint] = {}
         self._own_key = self._participant.get_guid()
         self._services = 0
+        self._gids: dict[str, list[Any]] = {"reader": [], "writer": []}
+        self._nodes = self._writer(_GRAPH_TOPIC, _GRAPH_TYPE, LATCHED, _hash_data(_GRAPH_TYPE))
+        self._announce()
 
     def full_name(self, name: str) -> str:
         """The full ROS name of a name of this node."""
@@ -159,12 +166,30 @@ class DdsTransport(Transport):
         return topic
 
     def _writer(self, name: str, type_name: str, qos: Qos, userdata: bytes) -> DataWriter[Any]:
-        return DataWriter(self._participant, self._topic(name, type_name), _dds_qos(qos, userdata))
+        writer = DataWriter(self._participant, self._topic(name, type_name), _dds_qos(qos, userdata))
+        if name != _GRAPH_TOPIC:
+            self._gids["writer"].append(_gid(writer))
+            self._announce()
+        return writer
 
     def _reader(self, name: str, type_name: str, qos: Qos, userdata: bytes) -> DataReader[Any]:
         reader = DataReader(self._participant, self._topic(name, type_name), _dds_qos(qos, userdata))
         self._waits.attach(ReadCondition(reader, _ANY))
+        self._gids["reader"].append(_gid(reader))
+        self._announce()
         return reader
+
+    def _announce(self) -> None:
+        """Tell which node has these endpoints: by it ``ros2 node list`` shows the node."""
+        node = new(
+            "rmw_dds_common/msg/NodeEntitiesInfo",
+            node_namespace=self.ros.namespace,
+            node_name=self.ros.node,
+            reader_gid_seq=self._gids["reader"],
+            writer_gid_seq=self._gids["writer"],
+        )
+        info = new(_GRAPH_TYPE, gid=_gid(self._participant), node_entities_info_seq=[node])
+        ddspy_write(self._nodes._ref, encode(info, _GRAPH_TYPE))
 
     def _pair(self, name: str, type_name: str, is_server: bool) -> tuple[DataReader[Any], DataWriter[Any]]:
         """Reader and writer of one end of a service. A number in their user data tells that they belong together."""
@@ -291,6 +316,11 @@ class DdsClient(Client):
     def is_served(self) -> bool:
         """Whether a server has been found."""
         return self._requests.subscribers > 0 and self._replies.publishers > 0
+
+
+def _gid(entity: Any) -> Any:
+    """Identifier of an endpoint or participant as ROS has it."""
+    return new("rmw_dds_common/msg/Gid", data=np.frombuffer(entity.get_guid().bytes, np.uint8))
 
 
 def _check_type(type_name: str) -> None:

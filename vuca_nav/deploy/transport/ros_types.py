@@ -166,14 +166,9 @@ def _default(kind: FieldType) -> Any:
 def _store() -> Any:
     """The definitions of Jazzy and those of this module."""
     store = get_typestore(Stores.ROS2_JAZZY)
-    # ROS translates char of a .msg file into IDL's uint8; rosbags hashes it as char.
-    store.fielddefs["service_msgs/msg/ServiceEventInfo"] = (
-        store.fielddefs["service_msgs/msg/ServiceEventInfo"][0],
-        [
-            (name, (Nodetype.ARRAY, ((Nodetype.BASE, ("uint8", 0)), 16)) if name == "client_gid" else kind)
-            for name, kind in store.fielddefs["service_msgs/msg/ServiceEventInfo"][1]
-        ],
-    )
+    for name, (constants, fields) in store.fielddefs.items():
+        # ROS translates char of a .msg file into IDL's uint8; rosbags hashes it as char.
+        store.fielddefs[name] = constants, [(field, _without_char(kind)) for field, kind in fields]
     definitions = _MESSAGES | _UNITREE
     services = list(_SERVICES)
     for action in _ACTIONS:
@@ -192,6 +187,13 @@ def _store() -> Any:
     for service in services:
         _register_service(store, service)
     return store
+
+
+def _without_char(kind: Any) -> Any:
+    node, argument = kind
+    if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+        return node, (_without_char(argument[0]), argument[1])
+    return (node, ("uint8", 0)) if argument == ("char", 0) else kind
 
 
 def _in_text(name: str) -> str:

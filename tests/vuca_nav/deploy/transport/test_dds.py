@@ -5,8 +5,14 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.qos import Policy
+from cyclonedds.qos import Qos as DdsQos
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
 
 from vuca_nav.deploy.transport.dds import DdsTransport
+from vuca_nav.deploy.transport.dds_types import idl_struct
 from vuca_nav.deploy.transport.interface import LATCHED, SENSOR, Qos
 from vuca_nav.deploy.transport.names import RosArguments, parse_ros_arguments
 from vuca_nav.deploy.transport.network import NetworkConfig, network_of
@@ -92,6 +98,23 @@ def test_a_second_publisher_is_found_and_seen_to_go(transport: DdsTransport) -> 
         assert foreign.type_hash == type_hash("geometry_msgs/msg/TwistStamped")
         assert publisher.subscribers == own.subscribers == 0
     assert eventually(lambda: len(transport.publishers("cmd_vel")) == 1)
+
+
+def test_it_tells_which_node_has_its_endpoints() -> None:
+    kind = "rmw_dds_common/msg/ParticipantEntitiesInfo"
+    with DdsTransport(NetworkConfig(DOMAIN), RosArguments(node="other", namespace="/robot1")) as transport:
+        publisher = transport.advertise("scan", "sensor_msgs/msg/LaserScan")
+        participant = DomainParticipant(DOMAIN)
+        topic = Topic(participant, "ros_discovery_info", idl_struct(kind))
+        reader = DataReader(
+            participant, topic, DdsQos(Policy.Reliability.Reliable(0), Policy.Durability.TransientLocal)
+        )
+        told = []
+        assert eventually(lambda: told.extend(reader.take(1)) or told)
+        (node,) = told[0].node_entities_info_seq
+        assert (node.node_namespace, node.node_name) == ("/robot1", "other")
+        assert len(node.writer_gid_seq) == 1
+        assert publisher.subscribers == 0
 
 
 def test_another_type_is_not_heard(transport: DdsTransport, other: DdsTransport) -> None:
