@@ -153,7 +153,7 @@ class Node:
         self.outputs.diagnose(self.safety, self._loop_values(), self.now())
         self._ticks += 1
         if self._ticks % _COLLECT_TICKS == 0:
-            gc.collect(1)  # of what a second has left; all that was there before is frozen
+            gc.collect()  # of what came since the loop began: all that was there before is frozen
         self.after_tick()
 
     @property
