@@ -13,7 +13,7 @@ from vuca_nav.files import write_whole
 
 NOTE = (
     "Missions of vuca deploy and vuca bridge as two processes in lockstep, beside the same in one process. Rows are "
-    "compared in all fields but those that measure the computer: to the bit, the errors of the estimate to 1e-9 m."
+    "compared to the bit, in all fields but those that measure the computer."
 )
 COLUMNS = (Column("robot, task"), Column("missions"), Column("equal rows"), Column("arrived"), Column("differences"))
 

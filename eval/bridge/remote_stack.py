@@ -151,7 +151,7 @@ class RealTime(Pace):
 
     def command(self, wire: RobotWire, stamp: int, is_new_scan: bool) -> VelocityCommand:
         """The last command at the end of this tick."""
-        published = time.perf_counter()
+        published = wire.clock()
         before = self._deadline
         self._deadline = published + self._period if before is None else max(before + self._period, published)
         waits = is_new_scan
@@ -163,11 +163,11 @@ class RealTime(Pace):
                 if waits and command.sent >= wire.scan_sent:
                     self.latencies.append((command.sent - wire.scan_sent) / NANOSECONDS)
                     waits = False
-            left = self._deadline - time.perf_counter()
+            left = self._deadline - wire.clock()
             if left <= 0.0:
                 break
             wire.wait(left)
-        now = time.perf_counter()
+        now = wire.clock()
         self.overruns += now - self._deadline > 0.25 * self._period
         self.is_stale = self.last is None or now - self.last.received > self._oldest
         if self.last is None or self.is_stale:

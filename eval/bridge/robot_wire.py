@@ -3,6 +3,7 @@
 import time
 import uuid
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -23,7 +24,7 @@ from eval.bridge.messages import (
 from robots.bodies.body import Body
 from vuca_nav.deploy.messages import map_message, pose_stamped_message
 from vuca_nav.deploy.robot_file import Frames, Topics
-from vuca_nav.deploy.transport.interface import LATCHED, Publisher, Qos, Subscriber, Transport
+from vuca_nav.deploy.transport.interface import LATCHED, Publisher, Qos, Transport
 from vuca_nav.deploy.transport.ros_types import new
 from vuca_nav.errors import VucaError
 from vuca_nav.mapping.grid import OccupancyGrid
@@ -70,7 +71,7 @@ class Command(NamedTuple):
     sent: int
     """When it was published, by the publisher's wall clock [ns]."""
     received: float
-    """When it was taken, by this process's ``time.perf_counter`` [s]."""
+    """When it was taken, by the wire's clock [s]."""
     publisher: int
     """Number of its publisher."""
 
@@ -86,16 +87,25 @@ class RobotWire:
         transport: The robot's node in the ROS 2 network.
         body: The robot.
         config: How its topics look.
+        clock: The steady clock that tells when commands arrive [s].
 
     Attributes:
+        clock: That clock.
         map_from_odom: The last transform of map to odom that arrived with its stamp [ns]; None before.
         refused: Number of messages that were not believed, by topic.
         scan_sent: When the last scan was published, by the wall clock [ns].
     """
 
-    def __init__(self, transport: Transport, body: Body, config: WireConfig = WireConfig()):
+    def __init__(
+        self,
+        transport: Transport,
+        body: Body,
+        config: WireConfig = WireConfig(),
+        clock: Callable[[], float] = time.perf_counter,
+    ):
         self._transport, self._body, self._frames = transport, body, config.frames
         self._stamped, topics = config.stamped, config.topics
+        self.clock = clock
         self.map_from_odom: tuple[int, Pose2] | None = None
         self.refused: Counter[str] = Counter()
         self.scan_sent = 0
@@ -182,17 +192,13 @@ class RobotWire:
             found = transform_of(received.message, self._frames.map, self._frames.odom)
             if found is not None:
                 self.map_from_odom = found
-        return _commands(self._commands, self._stamped, self.refused)
-
-
-def _commands(subscriber: Subscriber, stamped: bool, refused: Counter[str]) -> list[Command]:
-    commands = []
-    for received in subscriber.take():
-        message: Any = received.message
-        velocity = command_of(message.twist if stamped else message)
-        if velocity is None:
-            refused["cmd_vel"] += 1
-            continue
-        stamp = nanoseconds_of(message.header.stamp) if stamped else 0
-        commands.append(Command(velocity, stamp, received.sent, time.perf_counter(), received.publisher))
-    return commands
+        commands = []
+        for received in self._commands.take():
+            message: Any = received.message
+            velocity = command_of(message.twist if self._stamped else message)
+            if velocity is None:
+                self.refused["cmd_vel"] += 1
+                continue
+            stamp = nanoseconds_of(message.header.stamp) if self._stamped else 0
+            commands.append(Command(velocity, stamp, received.sent, self.clock(), received.publisher))
+        return commands

@@ -1,10 +1,10 @@
 """A stack on the wire to which faults happen while it drives: when its body stands, and when it goes on."""
 
 import signal
-import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -14,7 +14,7 @@ from eval.bridge.faults.tamper import Tamper
 from eval.bridge.remote_stack import TICK_RATE, RealTime, RemoteStack
 from eval.bridge.robot_wire import Readings, RobotWire
 from vuca_nav.deploy.safety.faults import FAULTS, ZERO_WITHIN
-from vuca_nav.deploy.transport.interface import Transport
+from vuca_nav.deploy.transport.interface import Publisher, Transport
 from vuca_nav.geometry import distance, wrap_angle
 from vuca_nav.mapping.grid import OccupancyGrid
 from vuca_nav.telemetry.interface import Telemetry
@@ -85,7 +85,11 @@ class TruePoses(Telemetry):
 
 
 class Trial(NamedTuple):
-    """What became of a fault. Times are from its beginning [s]; None for what did not happen."""
+    """What became of a fault. Times are from its beginning [s]; None for what did not happen.
+
+    Commands are timed by the wall clock, base and body by the simulated one, in which they live: they are the same as
+    long as the simulator keeps its ticks.
+    """
 
     fault: str
     kind: str
@@ -101,7 +105,8 @@ class Trial(NamedTuple):
     rest: float | None
     """When the body was at rest."""
     rest_within: float
-    """By when it has to be: 0.2 s and its speed over its greatest deceleration."""
+    """By when it has to be: 0.2 s and its speed over its greatest deceleration. Its speed is the greatest one until the
+    zero command."""
     resumed: float | None
     """Time from the end of the fault until it was commanded to move again."""
     driving: float
@@ -145,6 +150,11 @@ class _Running:
     resumed: float | None = None
     ticks: int = 0
     moving: int = 0
+
+
+def _leave(transport: Transport, _publisher: Publisher) -> None:
+    """Leave the network; a publisher that nobody holds would have left it before."""
+    transport.close()
 
 
 class FaultyStack(RemoteStack):
@@ -235,8 +245,8 @@ class FaultyStack(RemoteStack):
             self._bad = publisher, make
         elif fault == "second_publisher":
             other = self._means.intrude()
-            other.advertise("cmd_vel", "geometry_msgs/msg/TwistStamped")
-            self._cleanup = other.close
+            publisher = other.advertise("cmd_vel", "geometry_msgs/msg/TwistStamped")
+            self._cleanup = partial(_leave, other, publisher)
         elif fault == "process_paused":
             self._means.program.send(signal.SIGSTOP)
         elif fault == "process_killed":
@@ -246,10 +256,10 @@ class FaultyStack(RemoteStack):
         if fault == "lidar_malformed":
             self._tamper.begin(fault)
         self._driving_ticks = 0
-        self._running = _Running(fault, kind, speed, rest_within, time.perf_counter())
+        self._running = _Running(fault, kind, speed, rest_within, self.wire.clock())
 
     def _end_fault(self, running: _Running) -> None:
-        running.ended = time.perf_counter()
+        running.ended = self.wire.clock()
         self._tamper.end()
         self._bad = None
         self._cleanup()
@@ -259,32 +269,41 @@ class FaultyStack(RemoteStack):
 
     def _follow(self, running: _Running, command: VelocityCommand) -> None:
         """Note what the stack and the body do."""
-        now = time.perf_counter()
-        elapsed = now - running.began
-        last = self._real_time.last
         is_zero = command == STOP
         if running.ended is None:
             running.ticks += 1
-            running.moving += not is_zero
-            if running.zero is None and is_zero:
-                running.by_base = self._real_time.is_stale
-                fresh = last is not None and not running.by_base
-                running.zero = max((last.received if fresh and last is not None else now) - running.began, 0.0)
-            elif running.zero is not None and not is_zero:
-                running.held = False
-            speed, turn = self.truth.speeds
-            if running.rest is None and running.zero is not None and speed < AT_REST and turn < AT_REST_TURN:
-                running.rest = max(elapsed - 0.5 * _WINDOW / TICK_RATE, running.zero)
+            self._note(running, is_zero)
+            elapsed = running.ticks / TICK_RATE
             waits_for_rest = running.zero is not None and running.rest is None and elapsed < REST_WITHIN
             if elapsed >= FAULT_TIME and not waits_for_rest:
                 self._end_fault(running)
             return
-        assert running.ended is not None
+        after = self.wire.clock() - running.ended
         if not is_zero:
-            running.resumed = now - running.ended
-        waits = FAULTS[running.fault].resumes and running.resumed is None and now - running.ended < RESUMES_WITHIN
+            running.resumed = after
+        waits = FAULTS[running.fault].resumes and running.resumed is None and after < RESUMES_WITHIN
         if not waits:
             self._finish(running)
+
+    def _note(self, running: _Running, is_zero: bool) -> None:
+        """Note a tick of the fault: the command of its end, the body's speed at its beginning."""
+        running.moving += not is_zero
+        speed, turn = self.truth.speeds
+        if running.zero is None:
+            body = self._body
+            bound = ZERO_WITHIN + max(speed / body.max_a_x, turn / body.max_a_w)
+            running.rest_within = max(running.rest_within, bound)
+        elif running.rest is None and speed < AT_REST and turn < AT_REST_TURN:
+            # The mean speed of a window is that of its middle.
+            running.rest = max((running.ticks - 1 - 0.5 * _WINDOW) / TICK_RATE, running.zero)
+        if running.zero is not None:
+            running.held &= is_zero
+        elif is_zero:
+            last, running.by_base = self._real_time.last, self._real_time.is_stale
+            if running.by_base or last is None:
+                running.zero = running.ticks / TICK_RATE
+            else:
+                running.zero = max(last.received - running.began, 0.0)
 
     def _finish(self, running: _Running) -> None:
         self.trials.append(

@@ -92,10 +92,8 @@ def _frozen(readings: Readings, last: Readings) -> Readings:
 
 def _odometry_nan(readings: Readings, last: Readings) -> Readings:
     assert last.odometry is not None
-    nan = math.nan
-    return readings._replace(
-        odometry=replace(last.odometry, odom_from_base=Pose2(nan, nan, nan), twist=Twist2(nan, 0, 0))
-    )
+    pose, twist = Pose2(math.nan, math.nan, math.nan), Twist2(math.nan, math.nan, math.nan)
+    return readings._replace(odometry=replace(last.odometry, odom_from_base=pose, twist=twist))
 
 
 _CHANGES: Mapping[str | None, Callable[[Readings, Readings], Readings]] = {
