@@ -24,6 +24,8 @@ class BridgeArguments(SceneArguments):
 
     robot: str = "tiago"
     """A robot's name (see vuca list robots)."""
+    trust: bool = False
+    """Run the Python that a robot of your own names, or a world."""
     seeds: Annotated[str | None, _optional("A:B")] = None
     """Missions with the seeds A to B - 1, one after the other, instead of --seed."""
     episodes: Annotated[int | None, _optional("N")] = None

@@ -36,7 +36,7 @@ def bridge(argv: list[str]) -> int:
 
     ros = parse_ros_arguments(ros_words, "vuca_bridge")
     configs = _missions(arguments)
-    body = make_body(arguments.robot)
+    body = make_body(arguments.robot, trust=arguments.trust)
     network = network_of(arguments.domain, arguments.interface)
     if network.warning:
         print(f"vuca bridge: {network.warning}", file=sys.stderr)
@@ -88,7 +88,8 @@ def _missions(arguments: BridgeArguments) -> list[EpisodeConfig]:
     seeds = range(first, first + (arguments.episodes or 1))
     if arguments.seeds is not None:
         seeds = parse_seeds(arguments.seeds)
-    return [EpisodeConfig(**scene, seed=seed, robot=arguments.robot, method=arguments.name) for seed in seeds]
+    rest = {"robot": arguments.robot, "method": arguments.name, "trust": arguments.trust}
+    return [EpisodeConfig(**scene, **rest, seed=seed) for seed in seeds]
 
 
 def _check(arguments: BridgeArguments) -> None:

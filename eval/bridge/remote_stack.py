@@ -26,8 +26,8 @@ BETWEEN_MISSIONS = NANOSECONDS
 """Time by which the clock goes on from the end of a mission to the beginning of the next [ns]."""
 TICK_RATE = 30.0
 """Rate of the simulation's ticks [Hz]."""
-_POSE_PATIENCE = 1.0
-"""Time for which a stack's estimate is waited for in lockstep after its command [s]."""
+_POSE_PATIENCE = 5.0
+"""Time for which a stack's estimate is waited for in lockstep after its first command [s]."""
 _KEPT_LATENCIES = 100_000
 """Number of the last latencies that are kept: an hour's."""
 
@@ -79,11 +79,11 @@ class Lockstep(Pace):
 
     def __init__(self, timeout: float):
         self._timeout = timeout
-        self._tells_pose = True
+        self.begin()
 
     def begin(self) -> None:
-        """Take the stack to tell its estimate at every tick, as long as it does."""
-        self._tells_pose = True
+        """Take the stack to tell its estimate at every tick, until it does not."""
+        self._pose_patience = min(_POSE_PATIENCE, self._timeout)
 
     def command(self, wire: RobotWire, stamp: int, is_new_scan: bool) -> VelocityCommand:
         """The command of this stamp.
@@ -111,13 +111,15 @@ class Lockstep(Pace):
 
     def _wait_for_pose(self, wire: RobotWire, stamp: int) -> None:
         """Wait for the transform of map to odom of this stamp, which the stack may publish after its command."""
-        deadline = time.monotonic() + _POSE_PATIENCE
-        while self._tells_pose and (wire.map_from_odom is None or wire.map_from_odom[0] != stamp):
+        deadline = time.monotonic() + self._pose_patience
+        while wire.map_from_odom is None or wire.map_from_odom[0] != stamp:
             left = deadline - time.monotonic()
-            self._tells_pose = left > 0.0
-            if self._tells_pose:
-                wire.wait(left)
-                wire.take()
+            if left <= 0.0:
+                self._pose_patience = 0.0
+                return
+            wire.wait(left)
+            wire.take()
+        self._pose_patience = self._timeout  # it is one that does
 
 
 class RealTime(Pace):
@@ -132,7 +134,7 @@ class RealTime(Pace):
         overruns: Ticks that ended late by more than a quarter of a period: the simulator's own fault.
         stale: Number of ticks at which the base stopped because the last command was too old.
         last: The last command that has come in this mission; None before.
-        is_stale: Whether it did so at the last tick, or no command has come yet.
+        is_stale: Whether the base stopped so at the last tick, or no command has come yet.
     """
 
     def __init__(self, factor: float = 1.0):

@@ -4,7 +4,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -129,4 +129,4 @@ def drive_all(
 
 def task_of(config: EpisodeConfig) -> Task:
     """The place and the difficulties of an episode."""
-    return Task(config.world, config.region, config.without, config.movers, config.speed, config.sighted)
+    return Task(**{field.name: getattr(config, field.name) for field in fields(Task)})

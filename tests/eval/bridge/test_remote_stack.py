@@ -38,7 +38,7 @@ def readings(stamp=0.0, x=0.0):
 
 def test_lockstep_gives_the_command_that_answers_the_scan_and_no_other(network, body):
     other = OtherSide(network, lambda scan, odometry: VelocityCommand(scan.stamp, 0.0, 0.0))
-    stack = remote(network, body, Lockstep(5.0))
+    stack = remote(network, body, Lockstep(0.3))
     stack.reset(START, GOAL)
     other.send(VelocityCommand(9.0, 0.0, 0.0), 5)  # of long ago
     assert stack.step(*readings()) == STOP
@@ -69,7 +69,7 @@ def test_a_scan_that_comes_again_is_published_once(network, body):
 
 def test_the_next_mission_goes_on_in_time_and_begins_anew_otherwise(network, body):
     other = OtherSide(network, lambda scan, odometry: FORWARD)
-    stack = remote(network, body, Lockstep(5.0))
+    stack = remote(network, body, Lockstep(0.3))
     for start in (START, Pose2(-1.0, 0.0, 0.0)):
         stack.reset(start, GOAL)
         for k in range(3):
@@ -82,7 +82,7 @@ def test_the_next_mission_goes_on_in_time_and_begins_anew_otherwise(network, bod
 
 def test_the_estimate_is_the_transform_of_map_to_odom_over_the_odometry(network, body):
     other = OtherSide(network, lambda scan, odometry: FORWARD)
-    stack = remote(network, body, Lockstep(5.0))
+    stack = remote(network, body, Lockstep(0.3))
     stack.reset(Pose2(2.0, 3.0, 0.0), GOAL)
     stack.step(*readings(0.0, x=1.0))
     assert stack.map_from_base == (3.0, 3.0, 0.0)  # none yet: dead reckoning from the start
@@ -141,7 +141,7 @@ def test_before_the_mission_a_stack_is_warmed_up_without_a_goal(network, body):
 
 
 def test_a_map_that_is_known_is_published_for_those_who_come_later(network, body):
-    stack = remote(network, body, Lockstep(5.0))
+    stack = remote(network, body, Lockstep(0.3))
     stack.reset(START, GOAL, OccupancyGrid(GridConfig()))
     (received,) = OtherSide(network).maps.take()
     assert received.message.info.resolution == pytest.approx(0.05)
