@@ -36,9 +36,11 @@ IDLE = 25.0
 NOT_NEAR = 2.0
 """Distance from the goal below which no fault begins [m]: the mission would end in its middle."""
 AT_REST, AT_REST_TURN = 0.05, 0.1
-"""Speeds below which a body rests [m/s, rad/s]: a legged one sways."""
+"""Mean speeds over a cycle of a gait below which a body rests [m/s, rad/s]: a legged one sways within it."""
+_CYCLE = 12
+"""Ticks of a cycle: Go2 trots at 2.5 Hz."""
 _WINDOW = 3
-"""Ticks over which a speed is measured."""
+"""Ticks over which the speed of a body that drives is measured."""
 
 
 class MissionOver(Exception):
@@ -70,17 +72,19 @@ class TruePoses(Telemetry):
     """The robot's true poses at the last ticks."""
 
     def __init__(self) -> None:
-        self.poses: deque[Pose2] = deque(maxlen=_WINDOW + 1)
+        self.poses: deque[Pose2] = deque(maxlen=_CYCLE + 1)
 
     def true_pose(self, world_from_base: Pose2) -> None:
         """Remember a pose."""
         self.poses.append(world_from_base)
 
-    @property
-    def speeds(self) -> tuple[float, float]:
-        """Speed over ground and turn rate over the last ticks [m/s, rad/s]."""
-        first, last = self.poses[0], self.poses[-1]
-        elapsed = max(len(self.poses) - 1, 1) / TICK_RATE
+    def speeds(self, ticks: int = _WINDOW) -> tuple[float, float]:
+        """Speed over ground and turn rate, means over the last ticks [m/s, rad/s]."""
+        ticks = min(ticks, len(self.poses) - 1)
+        if ticks < 1:
+            return 0.0, 0.0
+        first, last = self.poses[-1 - ticks], self.poses[-1]
+        elapsed = ticks / TICK_RATE
         return distance(first, last) / elapsed, abs(wrap_angle(last.yaw - first.yaw)) / elapsed
 
 
@@ -222,7 +226,7 @@ class FaultyStack(RemoteStack):
 
     def _is_time(self) -> bool:
         """Whether the robot drives, and has for a while."""
-        speed, _ = self.truth.speeds
+        speed, _ = self.truth.speeds()
         drives = speed > DRIVES * self._body.max_v_x
         self._driving_ticks = self._driving_ticks + 1 if drives else 0
         self._idle_ticks = 0 if drives else self._idle_ticks + 1
@@ -233,7 +237,7 @@ class FaultyStack(RemoteStack):
         return self._driving_ticks > DRIVES_FOR * TICK_RATE
 
     def _begin_fault(self, fault: str) -> None:
-        speed, turn = self.truth.speeds
+        speed, turn = self.truth.speeds()
         body, kind = self._body, ""
         rest_within = ZERO_WITHIN + max(speed / body.max_a_x, turn / body.max_a_w)
         if fault in ("lidar_malformed", "lidar_beside"):
@@ -288,14 +292,15 @@ class FaultyStack(RemoteStack):
     def _note(self, running: _Running, is_zero: bool) -> None:
         """Note a tick of the fault: the command of its end, the body's speed at its beginning."""
         running.moving += not is_zero
-        speed, turn = self.truth.speeds
+        speed, turn = self.truth.speeds()
         if running.zero is None:
             body = self._body
             bound = ZERO_WITHIN + max(speed / body.max_a_x, turn / body.max_a_w)
             running.rest_within = max(running.rest_within, bound)
-        elif running.rest is None and speed < AT_REST and turn < AT_REST_TURN:
-            # The mean speed of a window is that of its middle.
-            running.rest = max((running.ticks - 1 - 0.5 * _WINDOW) / TICK_RATE, running.zero)
+        elif running.rest is None:
+            speed, turn = self.truth.speeds(_CYCLE)
+            if speed < AT_REST and turn < AT_REST_TURN:  # a mean speed is that of the middle
+                running.rest = max((running.ticks - 1 - 0.5 * _CYCLE) / TICK_RATE, running.zero)
         if running.zero is not None:
             running.held &= is_zero
         elif is_zero:
