@@ -39,6 +39,8 @@ class ImportArguments:
     """Recorded people who walk in it besides."""
     radius: float = 0.25
     """Radius of recorded people [m]."""
+    picture: Annotated[Path | None, _optional("FILE.png")] = None
+    """Draw it, too: over the map's own cells, if it is one."""
     json: bool = False
     """End with one JSON object on stdout."""
 
@@ -68,6 +70,13 @@ def import_(argv: list[str]) -> int:
         save_scene(world, arguments.out)
         if load_scene(arguments.out) != world:
             raise AssertionError(f"{arguments.out} is not equal to what was read")
+    if arguments.picture is not None:
+        from worlds.importers.occupancy_map import read_map
+        from worlds.importers.picture import draw
+
+        kind, _, path = name.partition(":")
+        prepare_file(arguments.picture)
+        draw(world, arguments.picture, read_map(path) if kind == "map" else None)
     x0, y0, x1, y1 = world.bounds
     found = {
         "world": world.name,

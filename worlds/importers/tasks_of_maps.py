@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy import ndimage, sparse
 from scipy.sparse import csgraph
 
-ROOM = (0.6, 0.45, 0.35)
+ROOM = (0.45, 0.35)
 """Free distance about start and goal, and along the way, the widest that the map has [m]: TIAGo's circle has 0.28 m,
 Go2's 0.41 m."""
 CELL = 0.2
