@@ -12,6 +12,7 @@ import numpy as np
 import trimesh
 
 from robots.bodies.body import VisualPart
+from robots.own.compiling import as_bad_robot
 from robots.own.description import Description
 from robots.own.folder import RobotFolder
 from robots.own.geometry import collision_geoms, surface_points
@@ -84,10 +85,11 @@ def assemble(folder: RobotFolder, description: Description, drive: DriveFile) ->
     Raises:
         BadRobot: If a geom misses the floor by its masks, a mass is absurd, or a wheel is not there or not a wheel.
     """
-    spec = mujoco.MjSpec.from_string(description.xml, assets=description.assets)
-    model = spec.compile()
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
+    with as_bad_robot(folder.file):
+        spec = mujoco.MjSpec.from_string(description.xml, assets=description.assets)
+        model = spec.compile()
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
     _check_masses(folder, model)
     _check_masks(folder, model)
     wheels = {name: _wheel_of(folder, model, data, drive, name) for name in drive.joints}
@@ -119,11 +121,13 @@ def assemble(folder: RobotFolder, description: Description, drive: DriveFile) ->
         for actuator in [each for each in spec.actuators if each.target in wheels]:
             spec.delete(actuator)
     _add_sensors_and_servos(spec, model, description.base, drive, wheels)
-    spec.compile()
+    with as_bad_robot(folder.file):
+        spec.compile()
+        xml = spec.to_xml()
     kept = {mesh.file for mesh in spec.meshes}
     sides = tuple(tuple(wheels[name] for name in names) for names in (drive.left, drive.right, drive.wheels))
     return Assembly(
-        xml=spec.to_xml(),
+        xml=xml,
         assets={name: content for name, content in description.assets.items() if name in kept},
         base=description.base,
         left=sides[0], right=sides[1], rolling=sides[2],

@@ -14,6 +14,7 @@ from robots.bodies.body import Body, BoundBody, VisualPart
 from robots.bodies.kinematics import planar_pose
 from robots.noise import NoiseConfig
 from robots.own.assembly import GYRO, assemble
+from robots.own.compiling import as_bad_robot
 from robots.own.description import read_description
 from robots.own.drives import BoundDrive, PlanarDrive, SideDrive, UserDrive, side_angle, track_of
 from robots.own.folder import RobotFolder
@@ -66,8 +67,9 @@ class OwnRobot(Body):
         outline, height, self.base_height = outline_and_height(folder, self.assembly, robot.footprint, robot.height)
         self.height = height
         self.spec = BodySpec(name=robot.name, footprint=outline, delay=robot.delay, **robot.limits)
-        self.base_height = settle(folder, self)
-        try_out(folder, self)
+        with as_bad_robot(file):
+            self.base_height = settle(folder, self)
+            try_out(folder, self)
 
     def mjcf(self) -> RootElement:
         """Implements :class:`~robots.bodies.body.Body`."""

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import mujoco
 
+from robots.own.compiling import as_bad_robot
 from robots.own.folder import BadRobot, RobotFolder
 from vuca_nav.data_files import shown
 
@@ -28,6 +29,8 @@ _REFUSED = (
 """Parts of MJCF that no base needs, and of which some can be of any size."""
 _LEFT_OUT = ("option", "size", "visual", "statistic", "keyframe", "custom", "light", "camera", "texture")
 """Parts that are a scene's, or only seen."""
+
+_NOT_FINITE = frozenset(sign + word for sign in ("", "+", "-") for word in ("nan", "inf", "infinity"))
 
 
 class Description(NamedTuple):
@@ -55,31 +58,26 @@ def read_description(folder: RobotFolder, name: str) -> Description:
     reader = _Reader(folder, path)
     root = reader.read()
     text = ElementTree.tostring(root, encoding="unicode")
-    try:
+    with as_bad_robot(path):
         spec = mujoco.MjSpec.from_string(text, assets=reader.assets)
-    except (ValueError, mujoco.FatalError) as error:
-        raise BadRobot(f"{path}: {_one_line(error)}") from error
-    base = _only_body(path, spec)
-    for joint in list(base.joints):
-        if joint.type != mujoco.mjtJoint.mjJNT_FREE:
-            raise BadRobot(
-                f"{path}: the base {base.name!r} has the joint {joint.name!r}; a base that is free, without any but a "
-                "free joint, would be right"
-            )
-        spec.delete(joint)
-    base.pos, base.quat = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
-    base.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
-    for index, body in enumerate(spec.bodies):
-        body.name = body.name or f"body-{index}"
-    names = [e.name for e in (*spec.bodies, *spec.joints, *spec.geoms, *spec.sites, *spec.actuators, *spec.sensors)]
-    bad = next((name for name in names if "/" in name), None)
-    if bad is not None:
-        raise BadRobot(f"{path}: the name {shown(bad)!r} has a slash; one without would be right")
-    try:
+        base = _only_body(path, spec)
+        for joint in list(base.joints):
+            if joint.type != mujoco.mjtJoint.mjJNT_FREE:
+                raise BadRobot(
+                    f"{path}: the base {base.name!r} has the joint {joint.name!r}; a base without any but a free joint "
+                    "would be right"
+                )
+            spec.delete(joint)
+        base.pos, base.quat = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
+        base.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+        for index, body in enumerate(spec.bodies):
+            body.name = body.name or f"body-{index}"
+        named = (*spec.bodies, *spec.joints, *spec.geoms, *spec.sites, *spec.actuators, *spec.sensors)
+        bad = next((each.name for each in named if "/" in each.name), None)
+        if bad is not None:
+            raise BadRobot(f"{path}: the name {shown(bad)!r} has a slash; one without would be right")
         spec.compile()
         return Description(spec.to_xml(), reader.assets, base.name)
-    except (ValueError, mujoco.FatalError) as error:
-        raise BadRobot(f"{path}: {_one_line(error)}") from error
 
 
 def _only_body(path: Path, spec: mujoco.MjSpec) -> mujoco.MjsBody:
@@ -95,11 +93,6 @@ def _only_body(path: Path, spec: mujoco.MjSpec) -> mujoco.MjsBody:
     if len(bodies) != 1:
         raise BadRobot(f"{path}: it has {len(bodies)} bodies in its world body; one, the robot's base, would be right")
     return bodies[0]
-
-
-def _one_line(error: Exception) -> str:
-    """What MuJoCo says, in one line."""
-    return shown(" ".join(str(error).split()), 300)
 
 
 class _Reader:
@@ -119,6 +112,11 @@ class _Reader:
             self._bring_mjcf(root)
         else:
             raise BadRobot(f"{self._path}: the root element is <{shown(root.tag)}>, expected <mujoco> or <robot>")
+        for element in root.iter():
+            for name, value in element.attrib.items():
+                if any(word in _NOT_FINITE for word in value.lower().split()):
+                    where = f"<{shown(element.tag)}> has {name} = {shown(value)!r}"
+                    raise BadRobot(f"{self._path}: {where}; finite numbers would be right")
         return root
 
     def _bring_mjcf(self, root: ElementTree.Element) -> None:

@@ -12,6 +12,7 @@ from robots.bodies.body import Body, BoundBody
 from robots.bodies.kinematics import planar_pose
 from robots.noise import NoiseConfig
 from robots.own.assembly import PHYSICS, Assembly
+from robots.own.compiling import as_bad_robot
 from robots.own.folder import RobotFolder
 from robots.own.geometry import collision_geoms, outline_of, overhang, surface_points
 from robots.physics import build_model
@@ -55,9 +56,10 @@ def outline_and_height(
     Raises:
         BadRobot: If the footprint is empty or too large, base_link is not in it, or it leaves shapes out.
     """
-    model = mujoco.MjModel.from_xml_string(assembly.xml, assembly.assets)
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
+    with as_bad_robot(folder.file):
+        model = mujoco.MjModel.from_xml_string(assembly.xml, assembly.assets)
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
     shapes = {geom: surface_points(model, data, geom) for geom in collision_geoms(model)}
     bottom = min(float(points[:, 2].min()) for points in shapes.values())
     top = max(float(points[:, 2].max()) for points in shapes.values()) - bottom
