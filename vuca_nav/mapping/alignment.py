@@ -71,7 +71,7 @@ class AlignmentConfig:
     """Where the best pose within a few deviations and the best one farther out are so far apart [m] ..."""
     apart_yaw: float = 0.025
     """... or this [rad], both are refined, and the better fit wins."""
-    preference: float = 0.02
+    preference: float = 0.03
     """A candidate m standard deviations from the prediction loses this share of its score times log(1 + m^2), so that
     among equals the likeliest wins."""
     residual_scale: float = 0.03
@@ -163,6 +163,13 @@ class Workspace(NamedTuple):
     """(2 n, 7) residuals: the return in base_link [m], a point of the surface in the map [m], a normal, a weight."""
 
 
+def squared_deviations(predicted: Pose2, pose: Pose2, spread: Spread) -> float:
+    """Squared distance of a pose from its prediction, in standard deviations."""
+    off = between(predicted, pose)
+    away = (off.x * off.x + off.y * off.y) / max(spread.position, 1e-3) ** 2
+    return away + (off.yaw / max(spread.yaw, 1e-3)) ** 2
+
+
 class Aligner:
     """Fits returns to the surfaces of a submap.
 
@@ -214,15 +221,13 @@ class Aligner:
             away = between(near_start, far_start)
             if math.hypot(away.x, away.y) > c.apart or abs(away.yaw) > c.apart_yaw:
                 other = self.refine(surface, far_start, points, normals, predicted, spread)
-                if self._worth(other, predicted, spread) > self._worth(best, predicted, spread):
+                if self.worth(other, predicted, spread) > self.worth(best, predicted, spread):
                     best = other
         return best
 
-    def _worth(self, alignment: Alignment, predicted: Pose2, spread: Spread) -> float:
+    def worth(self, alignment: Alignment, predicted: Pose2, spread: Spread) -> float:
         """Fit of an alignment, less what its distance from the prediction costs."""
-        off = between(predicted, alignment.pose)
-        away = (off.x * off.x + off.y * off.y) / max(spread.position, 1e-3) ** 2
-        away += (off.yaw / max(spread.yaw, 1e-3)) ** 2
+        away = squared_deviations(predicted, alignment.pose, spread)
         return alignment.fit - self.config.preference * math.log(1.0 + away)
 
     def _searched(

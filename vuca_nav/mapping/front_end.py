@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vuca_nav.geometry import between, compose, wrap_angle
-from vuca_nav.mapping.alignment import Aligner, Alignment, AlignmentConfig
+from vuca_nav.mapping.alignment import Aligner, Alignment, AlignmentConfig, squared_deviations
 from vuca_nav.mapping.grid import GridConfig
 from vuca_nav.mapping.odometry_model import OdometryModel, OdometryModelConfig
 from vuca_nav.mapping.returns import Returns
@@ -117,7 +117,8 @@ class FrontEnd:
             keyframe = self._keep(returns)
         return Tracked(here, alignment, keyframe)
 
-    def _align(self, returns: Returns, predicted: Pose2) -> Alignment:
+    def _align(self, returns: Returns, predicted: Pose2) -> Alignment | None:
+        """Match a scan; None if its returns contradict the map wherever odometry may have brought the robot."""
         c, grid = self.config, self.store.submaps[self.active].grid
         assert grid is not None  # the active submap is never finished
         surface = grid.surface
@@ -127,7 +128,11 @@ class FrontEnd:
             return near
         wide = spread._replace(position=max(spread.position, c.wide_position), yaw=max(spread.yaw, c.wide_yaw))
         far = self._aligner.align(surface, predicted, wide, returns.points, returns.normals)
-        return far if far.matched > near.matched + c.better else near
+        best = far if far.matched > near.matched + c.better else near
+        allowed = c.alignment.deviations**2
+        if best.quality < c.lost and squared_deviations(predicted, best.pose, spread) > allowed:
+            return None
+        return best
 
     def _learn(self) -> None:
         """Compare matches and odometry since the last keyframe."""

@@ -6,6 +6,7 @@ Its work comes in slices, each a few milliseconds long, so that a loop in real t
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -16,7 +17,7 @@ from vuca_nav.mapping.alignment import AlignmentConfig, Spread
 from vuca_nav.mapping.graph.loop_closure import Bundle, ClosureConfig, ClosureSearch, bundle_of
 from vuca_nav.mapping.graph.pose_graph import Edge, PoseGraph
 from vuca_nav.mapping.submaps import SubmapStore
-from vuca_nav.types import STANDING, FloatArray
+from vuca_nav.types import STANDING, FloatArray, Pose2
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +43,25 @@ class BackEndConfig:
     """[rad]"""
     lever: float = 10.0
     """Length over which an error of a submap's yaw becomes one of position [m]."""
+    agree_position: float = 0.3
+    """A closure that moves the map by more than this [m] ..."""
+    agree_yaw: float = 0.06
+    """... or this [rad] waits until another one, from another place, agrees with it as closely ..."""
+    patience: int = 40
+    """... for so many keyframes; then it is forgotten."""
     optimise_every: int = 10
     """Least number of keyframes between two optimisations."""
+
+
+class _Proposal(NamedTuple):
+    """A closure that waits for another one to confirm it."""
+
+    keyframe: int
+    edge: Edge
+    correction: Pose2
+    """Transform of the map that it calls for."""
+    map_from_base: Pose2
+    """Where the robot was, before it."""
 
 
 class BackEnd:
@@ -57,6 +75,7 @@ class BackEnd:
         """Positions of each finished submap's keyframes in the local frame (n, 2)."""
         self._costs: list[float] = []
         """Variance of position that each edge adds."""
+        self._proposals: list[_Proposal] = []
         self._num_new = 0
         self._optimised_at = 0
         self.num_tried = self.num_closed = 0
@@ -75,7 +94,7 @@ class BackEnd:
                     first = max(number + 1 - self.config.closure.bundle, 0)
                     bundle = bundle_of(self.store.keyframes[first : number + 1], self.config.closure)
                 yield
-                self._try(candidate, spread, bundle)
+                self._try(number, candidate, spread, bundle)
         if self._num_new and number - self._optimised_at >= self.config.optimise_every:
             yield
             self._optimise()
@@ -147,7 +166,7 @@ class BackEnd:
         found.sort(key=lambda item: (-item[0], item[1]))
         return [(k, spread) for _, k, spread in found[: c.candidates]]
 
-    def _try(self, k: int, spread: Spread, bundle: Bundle) -> None:
+    def _try(self, number: int, k: int, spread: Spread, bundle: Bundle) -> None:
         submaps = self.store.submaps
         here = compose(submaps[bundle.submap].map_from_local, bundle.local_from_base)
         centre = compose(inverse(submaps[k].map_from_local), here)
@@ -157,23 +176,47 @@ class BackEnd:
         closure = self._search.find(k, packed, bundle, centre, spread)
         if closure is None:
             return
-        self.num_closed += 1
-        self.graph.edges.append(
-            Edge(
-                k,
-                bundle.submap,
-                between(submaps[k].node, closure.local_from_base),
-                between(submaps[bundle.submap].node, bundle.local_from_base),
-                closure.information,
-                True,
-            )
+        edge = Edge(
+            k,
+            bundle.submap,
+            between(submaps[k].node, closure.local_from_base),
+            between(submaps[bundle.submap].node, bundle.local_from_base),
+            closure.information,
+            True,
         )
-        self._costs.append(self._cost(_inverted(closure.information + np.diag([1.0, 1.0, 100.0]))))
+        found = compose(submaps[k].map_from_local, closure.local_from_base)
+        proposal = _Proposal(number, edge, compose(found, inverse(here)), here)
+        if not self._is_near(here, found):
+            partners = [other for other in self._proposals if self._agree(proposal, other)]
+            if not partners:
+                self._proposals.append(proposal)
+                return
+            self._proposals = [other for other in self._proposals if other not in partners]
+            for partner in partners:
+                self._accept(partner.edge)
+        self._accept(edge)
+
+    def _is_near(self, a: Pose2, b: Pose2) -> bool:
+        off = between(a, b)
+        return math.hypot(off.x, off.y) < self.config.agree_position and abs(off.yaw) < self.config.agree_yaw
+
+    def _agree(self, proposal: "_Proposal", other: "_Proposal") -> bool:
+        """Whether two closures at different places move the map alike."""
+        apart = proposal.keyframe - other.keyframe
+        return 0 < apart <= self.config.patience and self._is_near(
+            compose(proposal.correction, proposal.map_from_base), compose(other.correction, proposal.map_from_base)
+        )
+
+    def _accept(self, edge: Edge) -> None:
+        self.num_closed += 1
+        self.graph.edges.append(edge)
+        self._costs.append(self._cost(_inverted(edge.information + np.diag([1.0, 1.0, 100.0]))))
         self._num_new += 1
 
     def _optimise(self) -> None:
         submaps = self.store.submaps
         self._num_new = 0
+        self._proposals.clear()  # they were found from where the submaps were
         self.graph.poses = [compose(submap.map_from_local, submap.node) for submap in submaps]
         self.graph.optimise()
         for submap, pose in zip(submaps, self.graph.poses):

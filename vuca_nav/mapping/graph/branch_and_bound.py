@@ -86,6 +86,41 @@ def search(pyramid: Pyramid, points: FloatArray, window: Window, least_score: fl
     return Found(Pose2(x, y, yaw), score) if score > least_score else None
 
 
+def score_along(
+    pyramid: Pyramid, points: FloatArray, pose: Pose2, direction: tuple[float, float], distances: FloatArray
+) -> float:
+    """Greatest score at poses that lie along a line through a pose, or a cell beside it.
+
+    Args:
+        pyramid: The submap.
+        points: (n, 2) returns in base_link [m].
+        pose: The pose.
+        direction: Unit vector of the line.
+        distances: (m,) distances from the pose along it [m].
+    """
+    return float(_score_along(pyramid, points, tuple(pose), direction, distances))
+
+
+@njit(cache=True)
+def _score_along(pyramid, points, pose, direction, distances):
+    x, y, yaw = pose
+    c, s = math.cos(yaw), math.sin(yaw)
+    per_metre = 1.0 / pyramid.resolution
+    n = points.shape[0]
+    cells = np.empty((n, 2), np.int32)
+    best = 0
+    for d in distances:
+        for aside in range(-1, 2):
+            away = aside * pyramid.resolution
+            px = x + d * direction[0] - away * direction[1] - pyramid.origin_x
+            py = y + d * direction[1] + away * direction[0] - pyramid.origin_y
+            for k in range(n):
+                cells[k, 0] = int(math.floor((py + s * points[k, 0] + c * points[k, 1]) * per_metre))
+                cells[k, 1] = int(math.floor((px + c * points[k, 0] - s * points[k, 1]) * per_metre))
+            best = max(best, _sum(pyramid.levels[0], cells, 0, 0))
+    return best / (2.0 * max(n, 1))
+
+
 @njit(cache=True)
 def _build(occupied, pad, levels):
     rows, columns = levels.shape[1:]

@@ -9,11 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vuca_nav.geometry import between, transform_points
-from vuca_nav.mapping.alignment import Aligner, AlignmentConfig, Spread
-from vuca_nav.mapping.graph.branch_and_bound import Pyramid, Window, build_pyramid, search
+from vuca_nav.mapping.alignment import Aligner, Alignment, AlignmentConfig, Spread
+from vuca_nav.mapping.graph.branch_and_bound import Pyramid, Window, build_pyramid, score_along, search
 from vuca_nav.mapping.submaps import Keyframe
 from vuca_nav.mapping.surfaces import PackedSurfaces, Surface
 from vuca_nav.types import FloatArray, Pose2
+
+
+_SLIDES = np.array([-3.0, -2.0, -1.4, -1.0, -0.7, -0.5, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0])
+"""Where else along a line the returns of a closure are tried [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +38,10 @@ class ClosureConfig:
     """Share of the returns that must lie on the submap's surfaces after refinement."""
     most_contradicted: float = 0.1
     """Share of the returns that may lie where the submap is surely free."""
+    apart: float = 0.15
+    """Where the search has found a place so far from where the robot should be [m] ..."""
+    apart_yaw: float = 0.05
+    """... or this [rad], both are refined, and the better fit wins."""
     position_floor: float = 0.01
     """Deviation of a closure however many returns it rests on [m]."""
     yaw_floor: float = 0.003
@@ -42,6 +50,9 @@ class ClosureConfig:
     """Returns of one place err alike: their covariance is so many times what it would be if they did not."""
     weakest: float = 0.02
     """A direction of which the returns say less than this share of what they say of the best is left open."""
+    alike: float = 0.85
+    """Where returns fit this well, as a share of the best fit, at another place along the direction that they say least
+    of, the direction is left open."""
     lever: float = 3.0
     """Length by which a yaw and a position are compared for that [m]."""
     kept: int = 24
@@ -130,23 +141,39 @@ class ClosureSearch:
         found = search(ready.pyramid, np.ascontiguousarray(few), window, c.least_score)
         if found is None:
             return None
-        free = Spread(1.0, 1.0)
-        fit = self._aligner.refine(ready.surface, found.pose, bundle.points, bundle.normals, found.pose, free)
+        fit = self._refined(ready.surface, found.pose, bundle)
+        away = between(centre, fit.pose)
+        if math.hypot(away.x, away.y) > c.apart or abs(away.yaw) > c.apart_yaw:
+            # Along a corridor one place looks like another: where the robot should be counts for something.
+            there = self._refined(ready.surface, centre, bundle)
+            third = Spread(spread.position / 3.0, spread.yaw / 3.0)
+            fit = max(fit, there, key=lambda one: self._aligner.worth(one, centre, third))
         if fit.matched < c.least_matched or fit.contradicted > c.most_contradicted:
             return None
         off = between(centre, fit.pose)
         if math.hypot(off.x, off.y) > 1.5 * spread.position + 0.1 or abs(off.yaw) > 1.2 * spread.yaw + 0.02:
             return None
-        return Closure(fit.pose, self._information(fit.information, fit.pose.yaw), fit.matched)
+        return Closure(fit.pose, self._information(ready.pyramid, few, fit), fit.matched)
 
-    def _information(self, by_returns: FloatArray, yaw: float) -> FloatArray:
+    def _refined(self, surface: Surface, start: Pose2, bundle: Bundle) -> Alignment:
+        """The fit about a pose, without a pull."""
+        return self._aligner.refine(surface, start, bundle.points, bundle.normals, start, Spread(1.0, 1.0))
+
+    def _information(self, pyramid: Pyramid, points: FloatArray, fit: Alignment) -> FloatArray:
         """Inverse covariance in base_link's axes; directions that the returns do not show are left open."""
         c, deviation = self.config, self._aligner.config.return_deviation
+        by_returns, yaw = fit.information, fit.pose.yaw
         cos, sin = math.cos(yaw), math.sin(yaw)
         local_from_base = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
         scale = np.diag([1.0, 1.0, 1.0 / c.lever])
         scaled = scale @ local_from_base.T @ by_returns @ local_from_base @ scale
         values, vectors = np.linalg.eigh(scaled)
+        x, y, _ = vectors[:, 0]
+        length = math.hypot(x, y)
+        if length > 0.5 and self._slides(
+            pyramid, points, fit.pose, ((cos * x - sin * y) / length, (sin * x + cos * y) / length)
+        ):
+            values[0] = 0.0
         floor = (c.position_floor**2, c.position_floor**2, (c.yaw_floor * c.lever) ** 2)
         total = np.zeros((3, 3))
         for value, vector in zip(values, vectors.T):
@@ -155,6 +182,11 @@ class ClosureSearch:
                 total += np.outer(vector, vector) / variance
         unscale = np.diag([1.0, 1.0, c.lever])
         return unscale @ total @ unscale
+
+    def _slides(self, pyramid: Pyramid, points: FloatArray, pose: Pose2, direction: tuple[float, float]) -> bool:
+        """Whether the returns fit elsewhere along a line, too, as along a corridor."""
+        here = score_along(pyramid, points, pose, direction, np.zeros(1))
+        return score_along(pyramid, points, pose, direction, _SLIDES) > self.config.alike * here
 
     def _prepared(self, number: int, submap: PackedSurfaces) -> _Ready:
         """The submap unpacked, with its pyramid; those used last are kept."""
