@@ -82,7 +82,7 @@ class AlignmentConfig:
     """Weight of a return that is matched along its own scan's normal."""
     point_weight: float = 0.1
     """Weight of a return that is matched to a point."""
-    return_deviation: float = 0.01
+    return_deviation: float = 0.02
     """Standard deviation of what one return says [m]: it weighs the returns against the prediction."""
     least_share: float = 0.005
     """A direction along which the returns say less than this share of what they could say is left to odometry: it

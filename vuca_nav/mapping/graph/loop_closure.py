@@ -15,7 +15,6 @@ from vuca_nav.mapping.submaps import Keyframe
 from vuca_nav.mapping.surfaces import PackedSurfaces, Surface
 from vuca_nav.types import FloatArray, Pose2
 
-
 _SLIDES = np.array([-3.0, -2.0, -1.4, -1.0, -0.7, -0.5, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0])
 """Where else along a line the returns of a closure are tried [m]."""
 
