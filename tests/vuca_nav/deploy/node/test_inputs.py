@@ -6,6 +6,7 @@ from eval.bridge.messages import imu_message, odometry_message
 from tests.vuca_nav.deploy.bundles import body
 from tests.vuca_nav.deploy.loopback import Network
 from tests.vuca_nav.rooms import LIDAR
+from vuca_nav.deploy.node.base import RosBase
 from vuca_nav.deploy.node.inputs import Inputs
 from vuca_nav.deploy.node.log import NodeLog
 from vuca_nav.deploy.robot_file import Frames, robot_file_of
@@ -18,7 +19,9 @@ def test_odometry_has_the_vertical_that_was_sent_before_it_whenever_messages_are
     network = Network()
     robot = network.join()
     imu, odom = robot.advertise("imu", "sensor_msgs/msg/Imu"), robot.advertise("odom", "nav_msgs/msg/Odometry")
-    inputs = Inputs(network.join(), robot_file_of(body(), LIDAR), NodeLog(), use_sim_time=False)
+    described = robot_file_of(body(), LIDAR)
+    base = RosBase(described, stamped=True)
+    inputs = Inputs(network.join(), described, base, NodeLog(), use_sim_time=False)
     leaning = []
 
     def sense(lean):

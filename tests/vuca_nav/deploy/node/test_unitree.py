@@ -57,6 +57,7 @@ def test_its_state_is_odometry() -> None:
         base.odometry(broken, None)
 
 
+@pytest.mark.slow  # in real time: a machine with other work needs many tries for a healthy second
 def test_a_stand_in_is_driven_to_a_goal() -> None:
     with DdsTransport(NetworkConfig(DOMAIN)) as ours, DdsTransport(NetworkConfig(DOMAIN)) as theirs:
         made = Node(bundle(), ours, NodeConfig(base="unitree"), Telemetry(), NodeLog())
@@ -72,7 +73,7 @@ def test_a_stand_in_is_driven_to_a_goal() -> None:
         target.pose.position.x, target.pose.orientation.w = 3.0, 1.0
         goal.publish(target)
         asked = []
-        end, due = time.monotonic() + 4.0, time.monotonic()
+        end, due = time.monotonic() + 60.0, time.monotonic()
         while time.monotonic() < end and MOVE not in asked:
             if time.monotonic() >= due:
                 due += 1.0 / 30.0
