@@ -87,15 +87,14 @@ def cells_of(arguments: TrialArguments) -> list[Cell]:
 
 def bundle_of(robot: str, method: str, folder: Path) -> Path:
     """The bundle of a robot and a method, made if it is not there."""
-    from eval.export.command import make_bundle
+    from eval.export.making import make_bundle
+    from eval.export.recording import REGION, WORLD
 
     bundle = folder / f"{robot}-{method}"
     if not bundle.exists():
         with CountedProgress(sys.stderr, f"steps recorded for {bundle}", _STEPS) as progress:
-            make_bundle(
-                robot, method, MethodOptions(), bundle,
-                progress=progress, steps=_STEPS, command=f"vuca export --robot {robot} --method {method}",
-            )  # fmt: skip
+            command = shlex.join(["vuca", "export", "--robot", robot, "--method", method])
+            make_bundle(EpisodeConfig(WORLD, REGION, robot, method), bundle, progress, _STEPS, command)
     return bundle
 
 
