@@ -22,6 +22,10 @@ from vuca_nav.types import STOP, BodySpec, Odometry, Pose2, Scan, VelocityComman
 
 FAULT_TIME = 1.0
 """How long a fault lasts that does not happen once [s]."""
+ONCE = ("odometry_jump", "clock_back", "clock_ahead")
+"""Faults that happen once. The stack goes on a healthy second after them."""
+ONCE_TIME = 0.8
+"""How long one that happens once is looked at before the stack may go on [s]."""
 REST_WITHIN = 5.0
 """Time after which a body that does not rest is given up [s]."""
 RESUMES_WITHIN = 6.0
@@ -109,10 +113,10 @@ class Trial(NamedTuple):
     rest: float | None
     """When the body was at rest."""
     rest_within: float
-    """By when it has to be: 0.2 s and its speed over its greatest deceleration. Its speed is the greatest one until the
-    zero command."""
+    """By when it has to be: 0.2 s and its speed over its greatest deceleration. Its speed is the greatest one in the
+    fault: a body answers its last commands with a delay."""
     resumed: float | None
-    """Time from the end of the fault until it was commanded to move again."""
+    """Time from the end of the fault, or from the beginning of one that happens once, until a command to move again."""
     driving: float
     """Share of the ticks of the fault in which the command was not zero."""
 
@@ -125,9 +129,11 @@ class Trial(NamedTuple):
 
     @property
     def rested_in_time(self) -> bool:
-        """Whether the body was at rest in time, or did not have to be."""
+        """Whether the body was at rest in time, or did not have to be: what happens once may be over before."""
         if FAULTS[self.fault].stopped_by == "nobody":
             return True
+        if self.fault in ONCE and self.rest is None:
+            return self.resumed is not None
         return self.rest is not None and self.rest <= self.rest_within
 
     @property
@@ -153,7 +159,10 @@ class _Running:
     ended: float | None = None
     resumed: float | None = None
     ticks: int = 0
+    """Since its beginning."""
+    fault_ticks: int = 0
     moving: int = 0
+    """Ticks of the fault at which the command was not zero."""
 
 
 def _leave(transport: Transport, _publisher: Publisher) -> None:
@@ -274,33 +283,46 @@ class FaultyStack(RemoteStack):
     def _follow(self, running: _Running, command: VelocityCommand) -> None:
         """Note what the stack and the body do."""
         is_zero = command == STOP
+        running.ticks += 1
+        self._note_body(running)
         if running.ended is None:
-            running.ticks += 1
-            self._note(running, is_zero)
-            elapsed = running.ticks / TICK_RATE
-            waits_for_rest = running.zero is not None and running.rest is None and elapsed < REST_WITHIN
-            if elapsed >= FAULT_TIME and not waits_for_rest:
-                self._end_fault(running)
+            self._note_command(running, is_zero)
+            self._end_if_due(running)
             return
-        after = self.wire.clock() - running.ended
+        after = self.wire.clock() - (running.began if running.fault in ONCE else running.ended)
         if not is_zero:
             running.resumed = after
         waits = FAULTS[running.fault].resumes and running.resumed is None and after < RESUMES_WITHIN
         if not waits:
             self._finish(running)
 
-    def _note(self, running: _Running, is_zero: bool) -> None:
-        """Note a tick of the fault: the command of its end, the body's speed at its beginning."""
-        running.moving += not is_zero
-        speed, turn = self.truth.speeds()
-        if running.zero is None:
-            body = self._body
-            bound = ZERO_WITHIN + max(speed / body.max_a_x, turn / body.max_a_w)
-            running.rest_within = max(running.rest_within, bound)
-        elif running.rest is None:
+    def _end_if_due(self, running: _Running) -> None:
+        """End the fault after its time, or when the body rests."""
+        elapsed = self.wire.clock() - running.began
+        if running.fault in ONCE:
+            if elapsed >= ONCE_TIME:
+                self._end_fault(running)
+            return
+        waits_for_rest = running.zero is not None and running.rest is None and elapsed < REST_WITHIN
+        if elapsed >= FAULT_TIME and not waits_for_rest:
+            self._end_fault(running)
+
+    def _note_body(self, running: _Running) -> None:
+        """Note the body's speed at the beginning of this tick."""
+        if running.rest is not None:
+            return
+        body, (speed, turn) = self._body, self.truth.speeds()
+        bound = ZERO_WITHIN + max(speed / body.max_a_x, turn / body.max_a_w)
+        running.rest_within = max(running.rest_within, bound)
+        if running.zero is not None:
             speed, turn = self.truth.speeds(_CYCLE)
             if speed < AT_REST and turn < AT_REST_TURN:  # a mean speed is that of the middle
                 running.rest = max((running.ticks - 1 - 0.5 * _CYCLE) / TICK_RATE, running.zero)
+
+    def _note_command(self, running: _Running, is_zero: bool) -> None:
+        """Note the command at the end of this tick."""
+        running.fault_ticks += 1
+        running.moving += not is_zero
         if running.zero is not None:
             running.held &= is_zero
         elif is_zero:
@@ -314,7 +336,7 @@ class FaultyStack(RemoteStack):
         self.trials.append(
             Trial(
                 running.fault, running.kind, running.speed, running.zero, running.by_base, running.held, running.rest,
-                running.rest_within, running.resumed, running.moving / max(running.ticks, 1),
+                running.rest_within, running.resumed, running.moving / max(running.fault_ticks, 1),
             )
         )  # fmt: skip
         self._running = None
