@@ -222,6 +222,8 @@ class ExplainArguments:
     """Its factor on their speeds."""
     sighted: Annotated[float | None, _optional("SHARE")] = None
     """Its share of them that see the robot."""
+    task: Annotated[str | None, _optional("NAME")] = None
+    """Its task, of an evaluation of tasks."""
     all: bool = False
     """Find the last avoidable moment of every collision there is, without recordings and pictures; run again, it goes
     on where it was."""
@@ -234,7 +236,7 @@ class ExplainArguments:
 
     def filters(self) -> dict[str, Any]:
         """The fields that the row must have, by name."""
-        names = ("world", "region", "robot", "method", "without", "movers", "speed", "sighted")
+        names = ("world", "region", "robot", "method", "without", "movers", "speed", "sighted", "task")
         return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
 
 

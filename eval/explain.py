@@ -77,7 +77,7 @@ def find_row(source: Path, seed: int | None, filters: dict[str, Any]) -> Row:
         asked = ", ".join(f"{key} {value}" for key, value in filters.items())
         raise BadArgument(f"{path} has no episode of {asked}{'' if seed is None else f' with seed {seed}'}")
     if len(fitting) > 1:
-        names = [key for key in CONFIG_FIELDS if len({json.dumps(row.get(key)) for row in fitting}) > 1]
+        names = [key for key in (*CONFIG_FIELDS, "task") if len({json.dumps(row.get(key)) for row in fitting}) > 1]
         values = [f"{key} ({', '.join(sorted({str(row.get(key)) for row in fitting})[:8])})" for key in names]
         raise BadArgument(
             f"{path} has {len(fitting)} such episodes; choose by {' and '.join(values) or 'another file'}"

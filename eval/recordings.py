@@ -85,6 +85,8 @@ def record_episode(out: Path, config: EpisodeConfig) -> Row:
 def file_name(row: Row) -> str:
     """Name of the recording of an episode, as ``factory-4-go2-ours-2000.rrd``."""
     place = Path(row["world"]).stem + ("" if row["region"] is None else f" {row['region']}") + dials_in_words(row)
+    for end in (row.get("start"), row.get("goal")):
+        place += "" if end is None else f" {end[0]:+g} {end[1]:+g}"
     without = f" without {row['without']}" if row["without"] else ""
     name = f"{place}{without} {row['robot']} {title_of(row['method'], row)} {row['seed']}"
     return f"{re.sub(r' --|[^A-Za-z0-9_.+]+', '-', name)}.rrd"

@@ -57,12 +57,12 @@ class NavigationEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     episode's actions again, which takes as long as they took.
 
     Args:
-        world: A world's name or a scene file.
+        world: A world's name or a scene file, or another file as ``map:FILE``.
         robot: A body's name.
         region: Region of the factory, 1 to 4.
         movers: Number of moving obstacles, for the worlds that take it.
         rate: Actions a second; it must divide the lidar's 30 Hz.
-        tolerance: Distance from the goal within which it counts as reached [m].
+        tolerance: Distance from the goal within which it counts as reached [m]; None: the world's own.
         noise: Size of the sensors' errors.
         render_mode: None, or ``rgb_array`` for pictures of the scene from above the robot.
 
@@ -85,7 +85,7 @@ class NavigationEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         region: int | None = None,
         movers: int | None = None,
         rate: int = 10,
-        tolerance: float = GOAL_TOLERANCE,
+        tolerance: float | None = None,
         noise: NoiseConfig | None = None,
         render_mode: str | None = None,
     ):
@@ -95,10 +95,11 @@ class NavigationEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         spec, lidar, ticks = self._body.spec, self._body.lidar, Rates().tick
         if not isinstance(rate, int | np.integer) or rate < 1 or ticks % rate:
             raise BadArgument(f"rate {rate!r} Hz: one that divides the simulation's {ticks} Hz would be right")
-        if not (isinstance(tolerance, int | float | np.number) and 0.0 < tolerance < math.inf):
+        is_right = isinstance(tolerance, int | float | np.number) and 0.0 < tolerance < math.inf
+        if tolerance is not None and not is_right:
             raise BadArgument(f"tolerance {tolerance!r}: a distance above 0 m would be right")
         self._name, self._region, self._movers = world, region, movers
-        self._scans, self._tolerance, self._noise = ticks // rate, tolerance, noise or NoiseConfig()
+        self._scans, self._given_tolerance, self._noise = ticks // rate, tolerance, noise or NoiseConfig()
         self._make_world(0)  # an unknown name is reported at once
         self.render_mode, self.metadata = render_mode, {**self.metadata, "render_fps": rate}
         self._camera = None if render_mode is None else SceneCamera()
@@ -117,6 +118,7 @@ class NavigationEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._simulation: Simulation | None = None
         self._world: World | None = None
         self._seed, self._limit, self._distance, self._terminated = 0, 0.0, 0.0, False
+        self._tolerance = GOAL_TOLERANCE
         self._commands: list[VelocityCommand] = []
 
     def _make_world(self, seed: int) -> World:
@@ -143,7 +145,8 @@ class NavigationEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         world = self._make_world(chosen)
         shortest = check_task(world, self._body.spec.radius, height=self._body.height)
         self._world, self._seed, self._commands, self._terminated = world, chosen, [], False
-        self._limit = time_limit(shortest, self._body.spec.max_v_x)
+        self._limit = world.time_limit or time_limit(shortest, self._body.spec.max_v_x)
+        self._tolerance = world.tolerance if self._given_tolerance is None else self._given_tolerance
         self._distance = distance(world.start, world.goal)
         self._simulation = Simulation(world, self._body, chosen, noise=self._noise)
         scan, odometry = self._simulation.reset()

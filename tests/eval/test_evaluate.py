@@ -17,7 +17,6 @@ from vuca_nav.policy.dynamic_window import DynamicWindowConfig
 from vuca_nav.provenance import machine
 from vuca_nav.shield.futures import FuturesConfig
 from vuca_nav.shield.shield import ShieldConfig
-from worlds.registry import check_options
 
 CONFIGS = episodes_of(SUITES["smoke"], seeds=range(3))
 IDENTITY = {"suite": "smoke", "seeds": [0, 3]}
@@ -263,8 +262,7 @@ def test_suites_that_are_reported_have_seeds_of_their_own():
     others = [suite for name, suite in SUITES.items() if name not in names]
     assert all(suite.seeds.stop <= 3000 for suite in others)
     for suite in SUITES.values():
-        for task in suite.tasks:
-            check_options(**asdict(task))
+        assert turn_dials(suite) == suite  # its tasks take their options
 
 
 def test_seeds():

@@ -59,3 +59,8 @@ def test_a_recording_is_of_the_same_mission(tmp_path):
     (file,) = tmp_path.iterdir()
     assert file.name == file_name(row)
     assert file.stat().st_size > 10_000
+
+
+def test_tasks_of_one_world_have_recordings_of_their_own():
+    goals = ((2.0, 5.0), (-2.0, 5.0), (2.0, -5.0), None)
+    assert len({file_name(EpisodeConfig(world="map:a/room.yaml", goal=goal).row()) for goal in goals}) == len(goals)

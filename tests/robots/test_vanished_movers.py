@@ -35,7 +35,7 @@ class Places(Telemetry):
 def visitor(place=PLACE):
     parts = (MoverPart(Cylinder(0.0, 0.0, 0.3, 1.5)), MoverPart(Box(0.0, 0.0, 0.2, 0.2, 0.0, 1.7)))
     motion = Keyframes((APPEARS, GOES), (place, place), vanishes=True)
-    return Mover("person", parts, 0.3, Pose2(*place, 0.0), motion)
+    return Mover("person", parts, 0.3, Pose2(place[0], place[1], 0.0), motion)
 
 
 def visited(tiago, place=PLACE, telemetry=None):

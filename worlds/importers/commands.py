@@ -39,6 +39,8 @@ class ImportArguments:
     """Recorded people who walk in it besides."""
     radius: float = 0.25
     """Radius of recorded people [m]."""
+    trust: bool = False
+    """Run the Python of motions of your own, in a scene file."""
     picture: Annotated[Path | None, _optional("FILE.png")] = None
     """Draw it, too: over the map's own cells, if it is one."""
     json: bool = False
@@ -60,7 +62,7 @@ def import_(argv: list[str]) -> int:
         prepare_file(arguments.out)
     bringing = Bringing(
         arguments.start, arguments.goal, arguments.tolerance, arguments.time_limit, arguments.unknown,
-        arguments.obstacles, arguments.radius,
+        arguments.obstacles, arguments.radius, arguments.trust,
     )  # fmt: skip
     _tell(f"reading {name}")
     world = with_task(with_people(load_world(name, bringing), bringing), bringing)
@@ -68,7 +70,7 @@ def import_(argv: list[str]) -> int:
     if not is_dry:
         _tell(f"writing {arguments.out}")
         save_scene(world, arguments.out)
-        if load_scene(arguments.out) != world:
+        if load_scene(arguments.out, trust=arguments.trust) != world:
             raise AssertionError(f"{arguments.out} is not equal to what was read")
     if arguments.picture is not None:
         from worlds.importers.occupancy_map import read_map

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from vuca_nav.errors import BadArgument
+from vuca_nav.errors import BadArgument, BadWorld
 from vuca_nav.types import Pose2
 from worlds.importers.barn import load_barn, load_dynabarn
 from worlds.importers.map_lists import load_walkers
@@ -41,6 +41,8 @@ AS_IT_IS = Bringing()
 
 
 def _scene(path: str, bringing: Bringing) -> World:
+    if _names_an_image(Path(path)):
+        raise BadWorld(f"{path}: it names an image, as an occupancy map does; map:{path} would be right")
     return load_scene(path, trust=bringing.trust)
 
 
@@ -100,15 +102,17 @@ def kind_of(path: Path) -> str:
         return "dynabarn" if "dynabarn" in path.name.lower() else "barn"
     if suffix == ".csv":
         return "tracks"
-    raise BadArgument(f"{path}: its name does not tell what it is; {', '.join(f'{kind}:FILE' for kind in KINDS)} would")
+    raise BadArgument(f"{path}: its name does not tell what it is; {', '.join(f'{kind}:FILE' for kind in KINDS)} do")
 
 
 def _names_an_image(path: Path) -> bool:
+    if not path.is_file():  # a pipe would be waited for; the reader of scenes says what is wrong
+        return False
     try:
         with open(path, encoding="utf-8", errors="replace") as file:
             return any(line.startswith("image") for line in file.read(100_000).splitlines())
     except OSError:
-        return False  # the reader of scenes says what is wrong
+        return False
 
 
 def with_people(world: World, bringing: Bringing) -> World:

@@ -155,6 +155,10 @@ def _rows(path: Path) -> Iterator[_Row]:
 
 
 def _column(path: Path, header: list[str], what: str) -> int:
+    if not any(header):
+        raise BadWorld(
+            f"{path}: it is empty; a header with {', '.join(names[0] for names in HEADERS.values())} is right"
+        )
     found = [header.index(name) for name in HEADERS[what] if name in header]
     if not found:
         raise BadWorld(

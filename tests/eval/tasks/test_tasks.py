@@ -16,6 +16,7 @@ from eval.tasks.job import barn_score, files_of, job_of, suite_of
 from eval.tasks.reading import read_tasks
 from tests.shared_data import data
 from vuca_nav.errors import BadWorld
+from worlds.world import Keyframes
 
 BARN = {"start": [-2.25, 3.0, 1.57], "goal": [-2.25, 6.0], "cylinders": [[-0.5, 4.0, 0.1, 1.0]]}
 
@@ -105,6 +106,7 @@ def test_a_list_of_maps_with_the_sources_own_tasks(folder, capsys):
     assert "1 tasks have no goal" in capsys.readouterr().err
     (config,) = episodes_of(suite_of(path, [first]))
     (walker,) = Episode(config).world.movers
+    assert isinstance(walker.motion, Keyframes)
     assert (walker.kind, walker.motion.period, walker.motion.points[1]) == ("person", 8.0, (2.0, 3.0))
 
 

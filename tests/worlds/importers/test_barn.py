@@ -183,6 +183,7 @@ def assert_movers_follow(path, source, seed):
     phases = {m.motion.phase for m in world.movers if isinstance(m.motion, Keyframes)}
     assert len(phases) == 1  # one clock for all
     (phase,) = phases
+    assert phase is not None
     for _ in range(120):
         for mover, pose in zip(source["moving"], field.poses, strict=True):
             left = (phase + field.time) % mover["period_s"]

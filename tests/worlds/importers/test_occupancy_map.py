@@ -14,7 +14,7 @@ from vuca_nav.errors import BadWorld
 from worlds import load_scene, save_scene
 from worlds.importers.occupancy_map import load_map
 from worlds.wall_grid import rectangles_of
-from worlds.world import Cylinder
+from worlds.world import Box, Cylinder
 
 PIXELS = np.full((30, 40), 254, np.uint8)
 PIXELS[5:8, 10:30] = 0  # a wall
@@ -22,7 +22,7 @@ PIXELS[20:25, 3:6] = 205  # unknown
 PIXELS[0, 39] = 0  # a single cell, in the image's upper right corner
 
 
-def write_map(tmp_path, pixels=PIXELS, name="room.png", **fields):
+def write_map(tmp_path, pixels: np.ndarray = PIXELS, name="room.png", **fields):
     Image.fromarray(pixels).save(tmp_path / name)
     content = {
         "image": name,
@@ -76,9 +76,10 @@ def test_every_cell_is_what_the_image_says(tmp_path, name, unknown, origin):
 def test_a_cell_lies_where_its_pixel_is_drawn(tmp_path):
     """The image's last row is the lowest; the origin is its lower-left corner."""
     world = load_map(write_map(tmp_path), "free")
-    corner = min(world.obstacles, key=lambda o: o.shape.length)
-    assert (corner.shape.x, corner.shape.y) == pytest.approx((-1.0 + 39.5 * 0.1, 2.0 + 29.5 * 0.1))
-    assert (corner.shape.length, corner.shape.width) == pytest.approx((0.1, 0.1))
+    boxes = [o.shape for o in world.obstacles if isinstance(o.shape, Box)]
+    corner = min(boxes, key=lambda box: box.length)
+    assert (corner.x, corner.y) == pytest.approx((-1.0 + 39.5 * 0.1, 2.0 + 29.5 * 0.1))
+    assert (corner.length, corner.width) == pytest.approx((0.1, 0.1))
     assert world.bounds == pytest.approx((-1.0, 2.0, 3.0, 5.0))
 
 

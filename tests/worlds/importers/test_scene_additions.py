@@ -102,6 +102,25 @@ def test_open_borders_are_no_walls(tmp_path):
     assert math.isfinite(shortest_path_length(load_scene(near), 0.3))
 
 
+def test_movers_come_in_through_open_borders_alone(tmp_path):
+    def patrolling(scene):
+        motion = {"type": "patrol", "speed": 1.0, "waypoints": [{"x": -3, "y": 6}, {"x": 5, "y": 6}]}
+        scene["movers"][0].update(motion=motion, start={"x": -3, "y": 6, "yaw": 0})
+        del scene["map"]
+
+    field = MoverField(load_scene(written(tmp_path, patrolling)))
+    for _ in range(150):
+        field.step(1 / 30)
+    np.testing.assert_allclose(field.poses[0, :2], (2.0, 6.0), atol=1e-6)
+
+    def closed(scene):
+        patrolling(scene)
+        scene["open_borders"] = False
+
+    with pytest.raises(BadWorld, match=r"movers\[0\].start: \(-3, 6\) is out of bounds"):
+        load_scene(written(tmp_path, closed))
+
+
 def change_motion(**fields):
     return lambda scene: scene["movers"][0]["motion"].update(fields)
 

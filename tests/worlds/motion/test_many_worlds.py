@@ -133,6 +133,7 @@ def test_movers_walk_as_the_mover_field_has_it():
         if isinstance(motion, RandomWalk):
             constants[0, i, MOTION], seeds[0, i] = RANDOM_WALK, motion.seed
         else:
+            assert isinstance(motion, Patrol)
             constants[0, i, MOTION], constants[0, i, FIRST_WAYPOINT] = PATROL, 3 * i
             constants[0, i, WAYPOINTS], state[0, i, TARGET] = 3, 1.0
             waypoints[0, 3 * i : 3 * i + 3] = motion.waypoints
