@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from robots.bodies.a1 import A1
+from robots.bodies.a1 import A1, UnitreeA1
 from robots.bodies.body import Body
 from robots.bodies.go2 import GO2, Go2
 from robots.bodies.tiago import Tiago, TiagoRear
@@ -23,7 +23,13 @@ def rover() -> Body:
     return OwnRobot(ROVER_FILE)
 
 
-ROBOTS: dict[str, Callable[[], Body]] = {"go2": Go2, "rover": rover, "tiago": Tiago, "tiago-rear": TiagoRear}
+ROBOTS: dict[str, Callable[[], Body]] = {
+    "a1": UnitreeA1,
+    "go2": Go2,
+    "rover": rover,
+    "tiago": Tiago,
+    "tiago-rear": TiagoRear,
+}
 
 QUADRUPEDS: dict[str, QuadrupedConfig] = {config.spec.name: config for config in (A1, GO2)}
 """Quadrupeds by name; ``vuca train locomotion`` makes their gaits."""

@@ -13,11 +13,12 @@ from vuca_nav.types import BodySpec, LidarSpec
 
 FOOTPRINT = np.array(
     [
-        (0.33, 0.09), (0.29, 0.175), (-0.31, 0.18), (-0.36, 0.15),
-        (-0.36, -0.15), (-0.31, -0.18), (0.29, -0.175), (0.33, -0.09),
+        (0.34, 0.10), (0.30, 0.19), (-0.32, 0.195), (-0.375, 0.16),
+        (-0.375, -0.16), (-0.32, -0.195), (0.30, -0.19), (0.34, -0.10),
     ]
 )  # fmt: skip
-"""Outline of head, thighs and feet [m]."""
+"""Outline of head, thighs and feet [m], standing and walking straight on. Over random commands in the whole range feet
+and shanks come out of it by 0.014 m in the median, and by more than 0.072 m in 1% of the steps."""
 
 A1 = QuadrupedConfig(
     spec=BodySpec(
@@ -30,7 +31,7 @@ A1 = QuadrupedConfig(
         max_a_x=2.0,
         max_a_y=2.0,
         max_a_w=5.0,
-        delay=0.11,
+        delay=0.105,  # between v_x's and v_y's of responses/a1.json
     ),
     lidar=LidarSpec(height=0.36),  # on its back
     urdf="a1_description/urdf/a1.urdf",

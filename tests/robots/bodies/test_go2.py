@@ -44,7 +44,7 @@ def walk(simulation, command, seconds):
 def test_registry():
     assert make_body("go2").spec.name == "go2"
     assert find_quadruped("go2") is GO2
-    with pytest.raises(UnknownName, match="available: go2"):
+    with pytest.raises(UnknownName, match="available: a1, go2"):
         find_quadruped("tiago")
 
 
