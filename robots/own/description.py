@@ -138,6 +138,9 @@ class _Reader:
                 parent.remove(child)
         if root.find("worldbody/frame") is not None:
             raise BadRobot(f"{self._path}: a <frame> in the world body; the robot's base itself would be right")
+        for world in root.findall("worldbody"):
+            for floor in [geom for geom in world.findall("geom") if geom.get("type") == "plane"]:
+                world.remove(floor)
         for material in root.iter("material"):
             material.attrib.pop("texture", None)
             for layer in list(material):
@@ -186,6 +189,8 @@ class _Reader:
         elements = list(root.iter())
         if len(elements) > MOST_ELEMENTS:
             raise BadRobot(f"{self._path}: it has {len(elements)} elements; at most {MOST_ELEMENTS} would be right")
+        if any("xacro" in element.tag for element in elements):
+            raise BadRobot(f"{self._path}: it has parts of xacro; the URDF that xacro makes of it would be right")
         for extension in root.findall("mujoco"):
             root.remove(extension)
         for link in root.findall("link"):

@@ -106,6 +106,29 @@ def test_a_urdf_gives_the_same_robot_as_its_mjcf(cart, tmp_path):
     assert {part.body for part in body.visuals()} == {"base", "caster", "left", "right"}
 
 
+def test_a_base_link_without_mass_carries_its_chassis(cart, tmp_path):
+    # As of most robots of ROS: links that are only frames.
+    urdf = URDF.replace('<link name="base">', '<link name="base_link"/><link name="base">', 1).replace(
+        "</robot>",
+        '<joint name="fix" type="fixed"><parent link="base_link"/><child link="base"/></joint>'
+        '<link name="laser"/><joint name="laser_mount" type="fixed"><parent link="base"/><child link="laser"/>'
+        '<origin xyz="0.1 0 0.2"/></joint><gazebo reference="base"><mu1>1</mu1></gazebo></robot>',
+    )
+    changes = [
+        ("model: cart.xml", "model: cart.urdf"),
+        ("drive: {type: differential,", "drive: {type: differential, casters: [caster],"),
+    ]
+    file = write_robot(tmp_path, *changes, cart__urdf=urdf)
+    binary_stl(tmp_path / "shell.stl")
+    assert OwnRobot(file).spec.footprint == pytest.approx(cart.spec.footprint, abs=1e-3)
+
+
+def test_a_floor_of_the_description_is_left_out(cart, tmp_path):
+    change = ("<worldbody>", '<worldbody><light pos="0 0 3"/><geom name="floor" type="plane" size="5 5 1"/>')
+    body = OwnRobot(write_robot(tmp_path, change))
+    assert body.spec.footprint == pytest.approx(cart.spec.footprint)
+
+
 def binary_stl(path):
     """Write a tetrahedron."""
     corners = np.array([(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0), (0, 0, 0.1)], np.float32)

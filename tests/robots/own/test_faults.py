@@ -49,7 +49,7 @@ DESCRIPTIONS = {
                            "does not move as it is told to"),
     "an axis forwards": ((WHEEL, '<joint name="left_wheel" axis="1 0 0"/>'), "turns about"),
     "a wheel that slides": ((WHEEL, '<joint name="left_wheel" type="slide"/>'), "is no hinge"),
-    "a floor of its own": (("<worldbody>", '<worldbody><geom type="plane" size="1 1 1"/>'), "belongs to no body"),
+    "a wall of its own": (("<worldbody>", '<worldbody><geom type="box" size="1 1 1"/>'), "belongs to no body"),
     "two robots": (("</worldbody>", '<body name="b"><geom size="0.1" mass="1"/></body></worldbody>'), "2 bodies"),
 }  # fmt: skip
 
