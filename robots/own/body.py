@@ -21,7 +21,7 @@ from robots.own.folder import RobotFolder
 from robots.own.interface import RobotInModel, find_interface, make_interface
 from robots.own.odometry import VelocityOdometer
 from robots.own.robot_file import read_robot_file
-from robots.own.settling import outline_and_height, settle, try_out
+from robots.own.settling import settle, stance_of, try_out
 from robots.sensors import WheelOdometer
 from vuca_nav.data_files import shown
 from vuca_nav.errors import BadArgument
@@ -40,6 +40,11 @@ class OwnRobot(Body):
     Args:
         file: A ``robot.yaml``; what it names lies in its folder.
         trust: Whether the velocity interface that it may name, which is Python code, may be run.
+
+    Attributes:
+        robot: The file's content.
+        assembly: The MJCF, and what in it is what.
+        digest: Hash of all files that the robot is made of.
 
     Raises:
         BadRobot: The file, the description, or what they make together cannot be used; says what would be right.
@@ -62,11 +67,10 @@ class OwnRobot(Body):
         if robot.drive.kind == "own":
             self.interface = find_interface(robot.drive.interface, self._where)
         self.digest = folder.digest + (f" {self.interface.digest}" if self.interface else "")
-        """Hash of all files that the robot is made of."""
         self.lidar, self.settle_time = robot.lidar, SETTLE_TIME
-        outline, height, self.base_height = outline_and_height(folder, self.assembly, robot.footprint, robot.height)
-        self.height = height
-        self.spec = BodySpec(name=robot.name, footprint=outline, delay=robot.delay, **robot.limits)
+        stance = stance_of(folder, self.assembly, robot.footprint, robot.height)
+        self.height, self.base_height = stance.height, stance.base_height
+        self.spec = BodySpec(name=robot.name, footprint=stance.footprint, delay=robot.delay, **robot.limits)
         with as_bad_robot(file):
             self.base_height = settle(folder, self)
             try_out(folder, self)

@@ -1,6 +1,7 @@
 """Robots as files: ``robot.yaml``, after the JSON schema beside this module; docs/your-own-robot.md describes it."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -133,7 +134,7 @@ def _value(fields: dict[str, Any], name: str, default: float | None) -> Any:
     return float(fields[name]["value"]) if name in fields else default
 
 
-def _contradictions(d: dict[str, Any]):
+def _contradictions(d: dict[str, Any]) -> Iterator[tuple[str, str]]:
     """Fields that do not go with others, each with what would be right."""
     drive, limits = d["drive"], d["limits"]
     kind = drive["type"]

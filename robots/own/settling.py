@@ -4,6 +4,7 @@
 # (MuJoCo's compiled bindings are invisible to a static checker.)
 
 import math
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -42,10 +43,21 @@ _WIDEST = 2.0
 """Greatest radius of a footprint [m]."""
 
 
-def outline_and_height(
+class Stance(NamedTuple):
+    """How a robot stands on a floor, by its shapes."""
+
+    footprint: FloatArray
+    """Convex outline in base_link, (n, 2) [m]."""
+    height: float
+    """Height over all [m]."""
+    base_height: float
+    """Height of base_link above the floor [m]."""
+
+
+def stance_of(
     folder: RobotFolder, assembly: Assembly, given_outline: FloatArray | None, given_height: float | None
-) -> tuple[FloatArray, float, float]:
-    """Footprint (n, 2), height over all, and height of base_link over the floor, all from the collision shapes [m].
+) -> Stance:
+    """Find how a robot stands by its collision shapes.
 
     Args:
         folder: The robot's folder, for messages.
@@ -89,7 +101,7 @@ def outline_and_height(
                 "footprint",
                 f"{name!r} sticks out of it by {out:.3g} m; an outline that holds all shapes would be right",
             )
-    return outline, height, -bottom
+    return Stance(outline, height, -bottom)
 
 
 def settle(folder: RobotFolder, body: Body) -> float:
