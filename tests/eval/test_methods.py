@@ -190,8 +190,8 @@ def test_a_critic_of_ones_own_rates_the_ways(weights, critic):
     for given, path in (({}, SHIPPED), ({"critic": critic}, critic), ({"critic": critic, "policy": None}, critic)):
         rates = built("ours", **{"policy": weights, **given}).explorer.critic
         assert isinstance(rates, LearnedCritic)
-        for a, b in zip(rates._layers.weights, load_critic(Path(path)).weights, strict=True):
-            assert np.array_equal(a.T, b)
+        for a, b in zip(rates.network.weights.weights, load_critic(Path(path)).weights, strict=True):
+            assert np.array_equal(a, b)
 
 
 def test_a_critic_that_cannot_be_used_is_refused(weights, critic, tmp_path):
