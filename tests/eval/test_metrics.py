@@ -66,3 +66,14 @@ def test_the_last_step_counts_for_clearance():
 def test_no_steps_no_metrics():
     with pytest.raises(ValueError, match="without steps"):
         MetricsRecorder(Pose2(0.0, 0.0, 0.0), (1.0, 0.0), 1.0).finish(Pose2(0.0, 0.0, 0.0), 1.0, False)
+
+
+def test_errors_of_the_estimate_are_told_to_a_nanometre():
+    """What a transform over a wire loses of an estimate, some 1e-16 m, does not show."""
+    results = []
+    for error in (1.0 / 3.0, 1.0 / 3.0 + 2e-16):
+        recorder = MetricsRecorder(Pose2(0.0, 0.0, 0.0), (4.0, 0.0), shortest=4.0)
+        recorder.add(scan_of(1.0), Pose2(0.0, 0.0, 0.0), Pose2(0.0, 0.0, 0.0), Pose2(error, 0.0, 0.0), clearance=0.5)
+        metrics = recorder.finish(Pose2(1.0, 0.0, 0.0), 0.5, success=False)
+        results.append((metrics.slam_ate, metrics.slam_final_error))
+    assert results == [(0.333333333, 0.333333333)] * 2
