@@ -14,7 +14,7 @@ from vuca_nav.errors import BadWorld
 from vuca_nav.geometry import wrap_angle
 from vuca_nav.types import Pose2
 from worlds.checks import check_world
-from worlds.importers.fields import FARTHEST, LONGEST, Fields
+from worlds.importers.fields import FARTHEST, LONGEST, Fields, is_size, world_name
 from worlds.motion.keyframes import place_of
 from worlds.world import Box, Cylinder, Keyframes, Mover, MoverPart, Obstacle, Shape, World
 
@@ -83,12 +83,12 @@ def _from_json(path: Path) -> World:
     goal = top.numbers("goal", 2)
     shapes: list[Shape] = []
     for k, (cx, cy, radius, height) in enumerate(top.rows("cylinders", 4, MOST_SHAPES)):
-        if not (radius > 0.0 and height > 0.0):
-            raise top.error(f"cylinders[{k}]", "radius and height above 0 would be right")
+        if not is_size(radius, height / 2.0):
+            raise top.error(f"cylinders[{k}]", "radius and height above 0, up to 1000 m, would be right")
         shapes.append(Cylinder(cx, cy, radius, height / 2.0))
     for k, (cx, cy, turn, length, width, height) in enumerate(top.rows("boxes", 6, MOST_SHAPES)):
-        if not (length > 0.0 and width > 0.0 and height > 0.0):
-            raise top.error(f"boxes[{k}]", "sizes above 0 would be right")
+        if not is_size(length, width, height):
+            raise top.error(f"boxes[{k}]", "sizes above 0, up to 1000 m, would be right")
         shapes.append(Box(cx, cy, length, width, turn, height))
     movers = tuple(_mover(moving) for moving in top.mappings("moving", MOST_MOVERS))
     if not shapes and not movers:
@@ -142,7 +142,7 @@ def _checked(path: Path, obstacles: tuple[Obstacle, ...], movers: tuple[Mover, .
         max(y + reach for _, y, _, reach in reaches) + MARGIN,
     )
     world = World(
-        path.stem, 0, bounds, obstacles, movers, start, goal,
+        world_name(path), 0, bounds, obstacles, movers, start, goal,
         open_borders=True, tolerance=tolerance, time_limit=limit, starts_on_motion=True,
     )  # fmt: skip
     check_world(world, str(path))
@@ -221,12 +221,12 @@ def _shape(collision: Element, pose: _Pose, where: str) -> list[Shape]:
         radius, height = _size(kind, "radius", where), _size(kind, "length", where)
     elif kind.tag == "box":
         length, width, height = _numbers(kind.find("size"), 3, where)
-        if not (length > 0.0 and width > 0.0 and height > 0.0):
+        if not is_size(length, width, height):
             raise BadWorld(f"{where}: a box of {length:g} x {width:g} x {height:g} m; sizes above 0 would be right")
     else:
         raise BadWorld(f"{where}: a collision is a <{shown(kind.tag)}>; a cylinder or a box would be right")
     base, top = max(pose.z - height / 2.0, 0.0), pose.z + height / 2.0
-    if top <= base:
+    if not is_size(top - base):
         return []  # all of it is below the floor
     if kind.tag == "cylinder":
         return [Cylinder(pose.x, pose.y, radius, top - base, base)]
@@ -235,7 +235,7 @@ def _shape(collision: Element, pose: _Pose, where: str) -> list[Shape]:
 
 def _size(element: Element, tag: str, where: str) -> float:
     (value,) = _numbers(element.find(tag), 1, where)
-    if value <= 0.0:
+    if not is_size(value):
         raise BadWorld(f"{where}: {tag} {value:g}; a size above 0 would be right")
     return value
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from vuca_nav.data_files import shown
@@ -11,6 +12,19 @@ FARTHEST = 10_000.0
 """Greatest coordinate or size, as in scene files [m]."""
 LONGEST = 1e6
 """Greatest time [s]."""
+SMALLEST, LARGEST = 1e-6, 1000.0
+"""Least and greatest size of a shape, as in scene files [m]."""
+
+
+def is_size(*sizes: float) -> bool:
+    """Whether a shape may have these sizes [m]."""
+    return all(SMALLEST <= size <= LARGEST for size in sizes)
+
+
+def world_name(path: str | Path) -> str:
+    """Name of a world by its file: a line of at most 100 characters, as scene files and XML have it."""
+    name = "".join(letter if letter.isprintable() else "_" for letter in Path(path).stem)
+    return name[:100]
 
 
 class Fields:

@@ -21,7 +21,7 @@ from vuca_nav.geometry import wrap_angle
 from vuca_nav.types import Pose2
 from vuca_nav.yaml_file import Document, read_yaml
 from worlds.checks import MAX_EXTENT, BadField, check_world
-from worlds.importers.fields import Fields
+from worlds.importers.fields import Fields, world_name
 from worlds.importers.tasks_of_maps import longest_way
 from worlds.wall_grid import WallGrid, rectangles_of
 from worlds.world import Box, Obstacle, World, walls_of
@@ -144,7 +144,7 @@ def load_map(path: str | Path, unknown: str = "solid", task: Task | None = None)
         (x, y), goal = (grid.centre((column, row, 1, 1)) for row, column in way)
         task = Task(Pose2(x, y, math.atan2(goal[1] - y, goal[0] - x)), goal)
     world = World(
-        Path(path).stem, 0, grid.bounds, (*fence, *walls_of(grid)), (), task.start, task.goal,
+        world_name(path), 0, grid.bounds, (*fence, *walls_of(grid)), (), task.start, task.goal,
         open_borders=unknown != "solid", grid=grid,
     )  # fmt: skip
     check_world(world, str(path))

@@ -12,7 +12,7 @@ from vuca_nav.data_files import read_text, shown
 from vuca_nav.errors import BadWorld
 from vuca_nav.types import Pose2
 from worlds.checks import MAX_EXTENT, check_world
-from worlds.importers.fields import FARTHEST, LONGEST
+from worlds.importers.fields import FARTHEST, LONGEST, world_name
 from worlds.motion.keyframes import place_of
 from worlds.world import MAX_MOVER_SPEED, Cylinder, Keyframes, Mover, MoverPart, World
 
@@ -96,7 +96,7 @@ def load_tracks(path: str | Path, radius: float = RADIUS) -> World:
     if max(bounds[2] - bounds[0], bounds[3] - bounds[1]) > MAX_EXTENT:
         raise BadWorld(f"{path}: people are more than {MAX_EXTENT:g} m apart; less would be right")
     start, goal = _task(bounds, movers)
-    world = World(Path(path).stem, 0, bounds, (), movers, start, goal, open_borders=True)
+    world = World(world_name(path), 0, bounds, (), movers, start, goal, open_borders=True)
     check_world(world, str(path))
     return world
 

@@ -48,6 +48,13 @@ def test_people_go_into_a_map_with_their_radius(room, tmp_path):
     assert [mover.radius for mover in load_scene(out).movers] == [0.2]
 
 
+def test_a_name_that_no_scene_has_is_written_as_one(room, tmp_path):
+    odd = tmp_path / "ro\x01om\u2028.yaml"
+    odd.write_text(room.read_text())
+    assert import_([f"map:{odd}", "--out", str(tmp_path / "scene.yaml")]) == 0
+    assert load_scene(tmp_path / "scene.yaml").name == "ro_om_"
+
+
 def test_a_dry_run_writes_nothing(room, tmp_path):
     before = sorted(os.listdir(tmp_path))
     assert import_([f"map:{room}", "--out", "-"]) == 0
