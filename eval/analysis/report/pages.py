@@ -170,12 +170,19 @@ def _machine(run: Row) -> str:
 
 def _outcomes(rows: Sequence[Row]) -> list[str]:
     header = ("world", "robot", "method", "episodes", *OUTCOMES, "mean time [s]", "SPL", "way per collision [m]")
+    scored = any(row.get("score") is not None for row in rows)
+    header += ("score",) * scored
+
+    def figures(group: Row) -> list[Any]:
+        score = group.get("score")
+        return [*_figures(group), *(["-" if score is None else f"{score:.4f}"] * scored)]
+
     cells = [
-        [_world(group), group["robot"], f"`{title_of(group['method'], group)}`", *_figures(group)]
+        [_world(group), group["robot"], f"`{title_of(group['method'], group)}`", *figures(group)]
         for group in summarise(rows)
     ]
     if len(cells) > 1:
-        cells.append(["all", "", "", *_figures(statistics_of(rows))])
+        cells.append(["all", "", "", *figures(statistics_of(rows))])
     note = "Counts with Wilson's 95% intervals; the mean time is of the episodes that arrived."
     return [note, "", *grid(header, cells)]
 

@@ -112,3 +112,17 @@ def test_what_is_no_evaluation_is_said(two, tmp_path):
     with pytest.raises(BadArgument, match=r"bare has a row that is not the result of an episode"):
         write_reports([two[0]], tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_scores_of_tasks_are_a_column_and_refused_tasks_are_left_out(tmp_path, capsys):
+    folder = evaluation(tmp_path / "barn", BARE, ["success", "success", "refused"])
+    rows = [json.loads(line) for line in (folder / "episodes.jsonl").read_text().splitlines()]
+    for row, score in zip(rows, (0.5, 0.25, None), strict=True):
+        row |= {} if score is None else {"score": score}
+    (folder / "episodes.jsonl").write_text("".join(f"{json.dumps(row)}\n" for row in rows))
+    write_reports([folder], tmp_path / "out")
+    page = (tmp_path / "out" / "barn.md").read_text()
+    (line,) = [line for line in page.splitlines() if "`dwa-dh`" in line and "[" in line]
+    assert line.rstrip("| ").endswith("0.3750")
+    assert "| score |" in page
+    assert "1 tasks that were refused are left out" in capsys.readouterr().err
