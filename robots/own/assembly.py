@@ -104,12 +104,12 @@ def assemble(folder: RobotFolder, description: Description, drive: DriveFile) ->
         own.inertia, own.explicitinertial = compiled.inertia, True
     rolling_bodies = {spec.joint(name).parent.name for name in drive.wheels}
     driven_bodies = {spec.joint(name).parent.name for name in (*drive.left, *drive.right)}
-    for geom in list(spec.geoms):
+    for geom, index in [(geom, geom.id) for geom in spec.geoms]:  # deletions change the indices
         if not (geom.contype or geom.conaffinity):
             spec.delete(geom)
             continue
         geom.contype, geom.conaffinity = TOUCHES_FLOOR | TOUCHES_SCENE, 0
-        if geom.id in casters or geom.parent.name in rolling_bodies:
+        if index in casters or geom.parent.name in rolling_bodies:
             geom.condim, geom.priority = 1, 1  # casters and rollers give way in every direction
         elif geom.parent.name in driven_bodies:
             geom.priority = max(int(geom.priority), 1)  # its tyre's friction counts, not the floor's
