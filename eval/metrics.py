@@ -10,6 +10,10 @@ from vuca_nav.types import Pose2, Scan
 TIMING_FIELDS = ("real_time_factor", "wall_time", "set_up_time")
 """The fields of a result that depend on the computer: all others are the same bits for the same seed."""
 
+ESTIMATE_DIGITS = 9
+"""Digits of the errors of an estimate: one that comes over a wire, as the transform of map to odom, differs from the
+stack's own in the last bits. To a nanometre they are the same numbers."""
+
 
 def success_weighted_path_length(
     success: bool, shortest: float, path_length: float, tolerance: float = GOAL_TOLERANCE
@@ -123,8 +127,8 @@ class MetricsRecorder:
             arsps=self._risk / n,
             ansps=(at_start - at_end) / (at_start * n) if at_start > 0.0 else 0.0,
             min_clearance=min(self._min_clearance, clearance),
-            slam_ate=math.sqrt(self._slam_squares / n),
-            slam_final_error=self._slam_error,
+            slam_ate=round(math.sqrt(self._slam_squares / n), ESTIMATE_DIGITS),
+            slam_final_error=round(self._slam_error, ESTIMATE_DIGITS),
             odometry_ate=math.sqrt(self._odometry_squares / n),
             odometry_final_error=self._odometry_error,
         )
