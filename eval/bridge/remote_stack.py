@@ -129,7 +129,7 @@ class RealTime(Pace):
         factor: Simulated time over wall time.
 
     Attributes:
-        latencies: Times from a scan's publication to that of the next command, scan in to command out [s].
+        latencies: Times from a scan's publication to that of the command that answers it [s].
         periods: Times between the publications of two commands in a row, the stack's own period [s].
         overruns: Ticks that ended late by more than a quarter of a period: the simulator's own fault.
         stale: Number of ticks at which the base stopped because the last command was too old.
@@ -148,6 +148,7 @@ class RealTime(Pace):
     def begin(self) -> None:
         """Forget the last command."""
         self.last: Command | None = None
+        self._unanswered: deque[tuple[int, int]] = deque(maxlen=_KEPT_LATENCIES)
         self._deadline: float | None = None
         self.is_stale = True
 
@@ -156,15 +157,12 @@ class RealTime(Pace):
         published = wire.clock()
         before = self._deadline
         self._deadline = published + self._period if before is None else max(before + self._period, published)
-        waits = is_new_scan
+        if is_new_scan:
+            self._unanswered.append((stamp, wire.scan_sent))
         while True:
             for command in wire.take():
-                if self.last is not None:
-                    self.periods.append((command.sent - self.last.sent) / NANOSECONDS)
+                self._time(command)
                 self.last = command
-                if waits and command.sent >= wire.scan_sent:
-                    self.latencies.append((command.sent - wire.scan_sent) / NANOSECONDS)
-                    waits = False
             left = self._deadline - wire.clock()
             if left <= 0.0:
                 break
@@ -176,6 +174,17 @@ class RealTime(Pace):
             self.stale += self.last is not None
             return STOP
         return self.last.velocity
+
+    def _time(self, command: Command) -> None:
+        """Take the times of a command, which answers the scans up to its stamp, or all if it has none."""
+        if self.last is not None:
+            self.periods.append((command.sent - self.last.sent) / NANOSECONDS)
+        while self._unanswered:
+            stamp, sent = self._unanswered[0]
+            if sent > command.sent or 0 < command.stamp < stamp:
+                return
+            self.latencies.append((command.sent - sent) / NANOSECONDS)
+            self._unanswered.popleft()
 
 
 class RemoteStack(Stack):

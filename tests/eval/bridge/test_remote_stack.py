@@ -159,3 +159,20 @@ def test_what_is_missing_is_named(network, body):
     assert "cmd_vel as TwistStamped" in wire.missing()[-1]
     OtherSide(network)
     assert wire.missing() == []
+
+
+def test_a_scan_that_is_answered_late_has_the_time_of_its_own_answer(network, body):
+    other = OtherSide(network, lambda scan, odometry: FORWARD)
+    pace = RealTime(20.0)
+    stack = remote(network, body, pace)
+    stack.reset(START, GOAL)
+    stack.step(*readings())
+    other.decide = None
+    stack.step(*readings(0.1))
+    other.send(FORWARD, FIRST_STAMP)  # of the first scan again: no answer to the second
+    stack.step(*readings(0.2))
+    assert len(pace.latencies) == 1
+    other.send(FORWARD, FIRST_STAMP + 200_000_000)
+    stack.step(*readings(0.3))
+    assert len(pace.latencies) == 3
+    assert pace.latencies[1] > pace.latencies[2] > 0.0
