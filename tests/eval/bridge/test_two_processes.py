@@ -68,7 +68,8 @@ def test_a_killed_stack_leaves_the_robot_standing(bundle, config, transport, tmp
             if to_goal < 2.5:
                 process.send(signal.SIGKILL)
 
-        episode = BridgedEpisode(replace(config, goal=(6.5, 4.5)), RemoteStack(wire, pace))
+        mission = replace(config, goal=(6.5, 4.5), without="V", time_limit=15.0)
+        episode = BridgedEpisode(mission, RemoteStack(wire, pace))
         row = episode.run(progress=kill_on_the_way).row()
         assert row["outcome"] == "timeout"
         assert pace.stale > 30
