@@ -7,7 +7,6 @@ import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -51,27 +50,42 @@ class RealTimeArguments(TrialArguments):
     """The seeds A to B - 1."""
 
 
+class TimedDrive:
+    """Drives missions over the wire, and keeps their times.
+
+    Args:
+        pace: The pace, which takes the times.
+        idle: A loop that does nothing, at the same time.
+        path: File of the times, a line a mission.
+    """
+
+    def __init__(self, pace: RealTime, idle: IdleLoop, path: Path):
+        self._pace, self._idle, self._path = pace, idle, path
+
+    def __call__(self, config: EpisodeConfig, stack: RemoteStack) -> Row:
+        """The row of one mission."""
+        pace = self._pace
+        self._idle.take()
+        pace.latencies.clear()
+        pace.periods.clear()
+        late = pace.overruns
+        with ProgressLine(sys.stderr) as progress:
+            row = BridgedEpisode(config, stack).run(progress=progress).row()
+        times = {"latencies": list(pace.latencies), "periods": list(pace.periods), "idle": self._idle.take()}
+        with self._path.open("a") as file:
+            file.write(f"{json.dumps({'seed': config.seed, 'late': pace.overruns - late, **times})}\n")
+        return row
+
+
 def run(arguments: RealTimeArguments) -> None:
     """Drive all missions both ways, and measure."""
     lines = []
     for cell in cells_of(arguments):
         alone = drive_alone(cell, arguments)
-        timings = arguments.out / cell.name / "timing.jsonl"
-        pace = RealTime()
+        timings, pace = arguments.out / cell.name / "timing.jsonl", RealTime()
+        deployed = Deployed(cell, arguments, SIMULATED_CLOCK, pace)
         with IdleLoop(TICK_RATE) as idle:
-
-            def drive(config: EpisodeConfig, stack: RemoteStack, idle: IdleLoop = idle, pace: RealTime = pace) -> Row:
-                idle.take()
-                before = pace.overruns
-                with ProgressLine(sys.stderr) as progress:
-                    row = BridgedEpisode(config, stack).run(progress=progress).row()
-                found = {"latencies": list(pace.latencies), "periods": list(pace.periods), "idle": idle.take()}
-                _append(timings, {"seed": config.seed, **found, "late": pace.overruns - before})  # noqa: B023
-                pace.latencies.clear()
-                pace.periods.clear()
-                return row
-
-            deployed = Deployed(cell, arguments, SIMULATED_CLOCK, pace)
+            drive = TimedDrive(pace, idle, timings)
             wire = drive_over_the_wire(cell, arguments, deployed, {"real_time_factor": 1.0}, drive)
         lines.append(_line(cell, wire, alone, timings))
     text = "\n".join(markdown(Table("real_time", "Real time over the wire", NOTE, COLUMNS, lines)))
@@ -100,11 +114,6 @@ def _line(cell: Cell, wire: list[Row], alone: list[Row], timings: Path) -> list[
         *(1e3 * float(np.quantile(jitter(values), 0.999)) for values in (periods, idle)),
         100.0 * late,
     ]
-
-
-def _append(path: Path, row: dict[str, Any]) -> None:
-    with path.open("a") as file:
-        file.write(f"{json.dumps(row)}\n")
 
 
 if __name__ == "__main__":

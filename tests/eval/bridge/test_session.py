@@ -1,10 +1,12 @@
 import json
 from contextlib import nullcontext
 from dataclasses import replace
+from typing import Any, cast
 
 import pytest
 
-from eval.bridge.remote_stack import Lockstep, RemoteStack, StackSilent
+from eval.bridge.real_time import TimedDrive
+from eval.bridge.remote_stack import Lockstep, RealTime, RemoteStack, StackSilent
 from eval.bridge.robot_wire import RobotWire
 from eval.bridge.session import BridgedEpisode, drive_all, wait_for_stack
 from eval.episode import Episode, EpisodeConfig
@@ -104,3 +106,19 @@ def test_nobody_there_is_said_in_one_line():
     wire = RobotWire(Network().join(), make_body("tiago"))
     with pytest.raises(StackSilent, match=r"nobody subscribes to scan, .*nobody publishes cmd_vel as TwistStamped"):
         wait_for_stack(wire, 0.1)
+
+
+def test_a_timed_mission_keeps_latencies_and_periods_of_its_commands(short, tmp_path):
+    class Idle:
+        def take(self):
+            return [0.03, 0.04]
+
+    _, stack = connected(short)
+    pace = stack.pace = RealTime(20.0)
+    drive: Any = TimedDrive(pace, cast(Any, Idle()), tmp_path / "timing.jsonl")
+    row = drive(short, stack)
+    (line,) = [json.loads(text) for text in (tmp_path / "timing.jsonl").read_text().splitlines()]
+    assert (line["seed"], line["idle"]) == (short.seed, [0.03, 0.04])
+    assert len(line["latencies"]) == row["steps"]
+    assert len(line["periods"]) == row["steps"] - 1
+    assert all(0.0 < latency < 60.0 for latency in line["latencies"])
