@@ -25,6 +25,12 @@ def longest_way(solid: NDArray[np.bool_], resolution: float) -> tuple[tuple[int,
         solid: Solid cells (rows, columns); all beyond them is solid.
         resolution: Side of a cell [m].
     """
+    free_rows, free_columns = np.flatnonzero(~solid.all(axis=1)), np.flatnonzero(~solid.all(axis=0))
+    if not len(free_rows):
+        return None
+    # Maps are often much larger than what is known of them.
+    top, left = int(free_rows[0]), int(free_columns[0])
+    solid = solid[top : int(free_rows[-1]) + 1, left : int(free_columns[-1]) + 1]
     space = ndimage.distance_transform_edt(~np.pad(solid, 1, constant_values=True))[1:-1, 1:-1] * resolution  # type: ignore[index]
     step = max(1, round(CELL / resolution))
     rows = np.arange(step // 2, solid.shape[0], step)
@@ -45,7 +51,7 @@ def longest_way(solid: NDArray[np.bool_], resolution: float) -> tuple[tuple[int,
             length = float(ways[ends[-1]]) * step * resolution
         if length >= LEAST:
             (a, b), (c, d) = cells[ends[1]].tolist(), cells[ends[2]].tolist()
-            return (int(rows[a]), int(columns[b])), (int(rows[c]), int(columns[d]))
+            return (top + int(rows[a]), left + int(columns[b])), (top + int(rows[c]), left + int(columns[d]))
     return None
 
 
