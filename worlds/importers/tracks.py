@@ -33,7 +33,9 @@ MOST_ROWS, MOST_PEOPLE = 200_000, 1000
 MARGIN = 1.0
 """Distance of the bounds from everybody [m]; they are open."""
 ROOM = 1.5
-"""Distance of start and goal from everybody at the start of the recording [m]."""
+"""Distance of the start from everybody while the episode begins, if the ground has such a place [m]."""
+BEGINNING = (0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0)
+"""Times at which an episode begins [s]."""
 
 
 class _Row(NamedTuple):
@@ -102,28 +104,24 @@ def load_tracks(path: str | Path, radius: float = RADIUS) -> World:
 
 
 def _task(bounds: tuple[float, float, float, float], movers: tuple[Mover, ...]) -> tuple[Pose2, tuple[float, float]]:
-    """Start and goal at the two ends of the ground, where nobody is when the recording begins."""
+    """Start and goal at the two ends of the ground, where nobody comes near while the episode begins."""
     x0, y0, x1, y1 = bounds
-    there = [
-        place for m in movers if isinstance(m.motion, Keyframes) for place, is_there in [place_of(m.motion)] if is_there
-    ]
+    early = [place_of(m.motion, t) for m in movers if isinstance(m.motion, Keyframes) for t in BEGINNING]
+    there = [place[:2] for place, is_there in early if is_there]
     along_x = x1 - x0 >= y1 - y0
-    best = None
+    best, least = (Pose2(0.0, 0.0, 0.0), (0.0, 0.0)), -1.0
     for share in (0.5, 0.35, 0.65, 0.2, 0.8):
         across = y0 + share * (y1 - y0) if along_x else x0 + share * (x1 - x0)
-        for back in (False, True):
-            a, b = ((x0 + MARGIN, x1 - MARGIN) if along_x else (y0 + MARGIN, y1 - MARGIN))[:: -1 if back else 1]
+        ends = (x0 + MARGIN, x1 - MARGIN) if along_x else (y0 + MARGIN, y1 - MARGIN)
+        for a, b in (ends, ends[::-1]):
             start, goal = ((a, across), (b, across)) if along_x else ((across, a), (across, b))
-            room = min((math.dist(start, place[:2]) for place in there), default=math.inf)
-            if best is None or room > best[0]:
-                best = room, start, goal
+            room = min((math.dist(start, place) for place in there), default=math.inf)
+            if room > least:
+                yaw = math.atan2(goal[1] - start[1], goal[0] - start[0])
+                best, least = (Pose2(*start, yaw), goal), room
             if room >= ROOM:
-                break
-        if best is not None and best[0] >= ROOM:
-            break
-    assert best is not None
-    _, start, goal = best
-    return Pose2(*start, math.atan2(goal[1] - start[1], goal[0] - start[0])), goal
+                return best
+    return best
 
 
 def _rows(path: Path) -> Iterator[_Row]:

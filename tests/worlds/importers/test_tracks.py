@@ -133,3 +133,11 @@ def test_public_recordings_are_exact(path, tmp_path):
         field.step(0.31)
     save_scene(world, tmp_path / "scene.yaml")
     assert load_scene(tmp_path / "scene.yaml") == world
+
+
+def test_nobody_comes_where_the_robot_starts_while_the_episode_begins(tmp_path):
+    default = load_tracks(written(tmp_path)).start
+    visitor = f"1.0,late,{default.x},{default.y}\n1.4,late,{default.x},{default.y}\n"
+    rows = sorted((TABLE + visitor).splitlines()[1:], key=lambda row: float(row.split(",")[0]))
+    start = load_tracks(written(tmp_path, "\n".join([TABLE.splitlines()[0], *rows]))).start
+    assert np.hypot(start.x - default.x, start.y - default.y) > 1.0
