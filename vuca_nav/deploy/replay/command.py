@@ -5,24 +5,26 @@ where they first differ. Any other rosbag2 log with a scan and odometry drives t
 open loop: the robot went where it went, and the commands are what the stack would have said.
 """
 
+from __future__ import annotations
+
 import json
+import math
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import tyro
 
 from vuca_nav.cli import parse, show
-from vuca_nav.deploy.bundle import Bundle, load_bundle
-from vuca_nav.deploy.log import METADATA
-from vuca_nav.deploy.replay.exact import Replayed, replay_log
-from vuca_nav.deploy.replay.log_file import LogFile
-from vuca_nav.deploy.replay.open_loop import OpenLoop, OpenLoopRun, find_topics
 from vuca_nav.errors import BadArgument
-from vuca_nav.progress import CountedProgress
-from vuca_nav.telemetry.interface import Telemetry
+
+if TYPE_CHECKING:
+    from vuca_nav.deploy.bundle import Bundle
+    from vuca_nav.deploy.replay.exact import Replayed
+    from vuca_nav.deploy.replay.log_file import LogFile
+    from vuca_nav.deploy.replay.open_loop import OpenLoop
+    from vuca_nav.telemetry.interface import Telemetry
 
 MOST_LINES = 60
 """Greatest number of lines of commands that are shown."""
@@ -51,6 +53,11 @@ class ReplayArguments:
 def replay(argv: list[str]) -> int:
     """Replay a log with a bundle: the same commands to the bit, or what the stack would have said."""
     arguments = parse(ReplayArguments, "replay", argv)
+    from vuca_nav.deploy.bundle import load_bundle
+    from vuca_nav.deploy.replay.exact import Replayed, replay_log
+    from vuca_nav.deploy.replay.log_file import LogFile
+    from vuca_nav.progress import CountedProgress
+
     bundle = load_bundle(arguments.bundle)
     is_own = _is_of_deploy(arguments.log)
     if is_own and (arguments.goal or arguments.scan or arguments.odometry):
@@ -80,7 +87,10 @@ def replay(argv: list[str]) -> int:
 
 def _open_loop(arguments: ReplayArguments, bundle: Bundle, log: LogFile, telemetry: Telemetry) -> OpenLoop:
     """The stack over a log of somebody else's."""
-    if arguments.goal is not None and not np.isfinite(arguments.goal).all():
+    from vuca_nav.deploy.replay.log_file import LogFile
+    from vuca_nav.deploy.replay.open_loop import OpenLoopRun, find_topics
+
+    if arguments.goal is not None and not all(map(math.isfinite, arguments.goal)):
         raise BadArgument(f"--goal {arguments.goal[0]} {arguments.goal[1]}: two finite numbers would be right")
     topics = find_topics(bundle, LogFile(arguments.log), arguments.scan, arguments.odometry)
     return OpenLoopRun(bundle, topics, arguments.goal, telemetry).run(log)
@@ -88,6 +98,9 @@ def _open_loop(arguments: ReplayArguments, bundle: Bundle, log: LogFile, telemet
 
 def _is_of_deploy(path: Path) -> bool:
     """Whether a log is one of ``vuca deploy``: its metadata come before its first message."""
+    from vuca_nav.deploy.log import METADATA
+    from vuca_nav.deploy.replay.log_file import LogFile
+
     log = LogFile(path)
     next(log.messages(), None)
     return METADATA in log.metadata
@@ -95,6 +108,8 @@ def _is_of_deploy(path: Path) -> bool:
 
 def _telemetry(arguments: ReplayArguments, bundle: Bundle) -> Telemetry:
     if arguments.record is None:
+        from vuca_nav.telemetry.interface import Telemetry
+
         return Telemetry()
     from vuca_nav.telemetry.rerun.recorder import RerunTelemetry
 
