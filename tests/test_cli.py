@@ -82,6 +82,12 @@ run_module("module", main, Arguments)
         ("import sys; sys.modules['matplotlib'] = None; import matplotlib", 2,
          "module: needs the package 'matplotlib': run pip install -e '.[sim]' in your clone of vuca-nav"),
         ("raise KeyboardInterrupt", 130, "module: interrupted"),
+        ("import os, signal; os.kill(os.getpid(), signal.SIGTERM)", 143, "module: terminated"),
+        ("import os, signal; os.kill(os.getpid(), signal.SIGHUP)", 129, "module: terminated"),
+        ("import os, signal; from vuca_nav.cli import undisturbed\n    with undisturbed():\n"
+         "        os.kill(os.getpid(), signal.SIGHUP); os.kill(os.getpid(), signal.SIGINT)\n"
+         "        sys.stderr.write('said')",
+         0, "said"),
         ("from vuca_nav.errors import BadArgument; raise BadArgument('n must\\nbe 2')", 2, "module: n must be 2"),
         ("print(arguments.n, file=sys.stderr)", 0, "1"),
     ],

@@ -2,7 +2,7 @@
 
 A command is a function ``(argv) -> exit code`` registered in the group ``vuca.commands``; the first line of
 its docstring is its entry in the help. Exit codes: 0 the command did its work, 1 part of it failed, 2 bad
-input or no means to do the work, 130 interrupted, 143 terminated.
+input or no means to do the work, 130 interrupted, 143 terminated, 129 its terminal closed.
 """
 
 import contextlib
@@ -48,7 +48,6 @@ EXTRA_OF_MODULE = {
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
-EXIT_TERMINATED = 143
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -100,7 +99,15 @@ def run_module(name: str, main: Callable[[Arguments], object], kind: type[Argume
 
 
 class Terminated(KeyboardInterrupt):
-    """The process was asked to end by SIGTERM; work ends as at an interrupt from the keyboard."""
+    """The process was asked to end by a signal; work ends as at an interrupt from the keyboard.
+
+    Args:
+        number: The signal, SIGTERM or SIGHUP.
+    """
+
+    def __init__(self, number: int):
+        self.exit_code = 128 + number
+        super().__init__()
 
 
 class ReaderGone(Exception):
@@ -140,9 +147,9 @@ def _answer(name: str, command: Callable[[], int]) -> int:
             return _bad_input(name, str(error))
         except ModuleNotFoundError as error:
             return _bad_input(name, _what_to_install(error))
-        except Terminated:
+        except Terminated as request:
             print(f"\n{name}: terminated", file=sys.stderr)
-            return EXIT_TERMINATED
+            return request.exit_code
         except KeyboardInterrupt:
             print(f"\n{name}: interrupted", file=sys.stderr)
             return EXIT_INTERRUPTED
@@ -231,19 +238,42 @@ class _Results(_Stream):
 
 @contextlib.contextmanager
 def _termination_as_interrupt() -> Iterator[None]:
-    """Let SIGTERM end the work as Ctrl-C does, so that workers end and what is finished is kept."""
+    """Let SIGTERM end the work as Ctrl-C does, so that workers end and what is finished is kept.
+
+    So does SIGHUP, of a terminal that was closed or a connection that was lost, unless it is ignored (nohup).
+    """
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread handles signals
         return
 
-    def terminate(_signal: int, _frame: FrameType | None) -> None:
-        raise Terminated
+    def terminate(number: int, _frame: FrameType | None) -> None:
+        raise Terminated(number)
 
-    before = signal.signal(signal.SIGTERM, terminate)
+    before = {signal.SIGTERM: signal.getsignal(signal.SIGTERM)}
+    if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL:
+        before[signal.SIGHUP] = signal.SIG_DFL
+    for number in before:
+        signal.signal(number, terminate)
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def undisturbed() -> Iterator[None]:
+    """Ignore requests to end, for a short last word that must be said: a second Ctrl-C, SIGTERM or SIGHUP is lost."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # which is not interrupted
+        return
+    requests = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in requests}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def parse(kind: type[Arguments], command: str, argv: list[str]) -> Arguments:

@@ -155,7 +155,8 @@ class NavigationTraining(TrainingLoop[PpoLearner]):
 def _work(rank: int, training: NavigationTraining, environments: Sequence[Environment], meeting: str) -> None:
     """Run a worker process, or the only one."""
     if meeting:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)  # not the parent's, which ends the whole command
+        for number in (signal.SIGTERM, signal.SIGHUP):  # not the parent's, which end the whole command
+            signal.signal(number, signal.SIG_DFL)
     torch.set_num_threads(1)
     run = training.run_config
     team = Team(rank, run.workers, Path(meeting)) if meeting else Alone()

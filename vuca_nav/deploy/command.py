@@ -1,6 +1,7 @@
 """``vuca deploy``: arguments in, an exit code out."""
 
 import json
+import select
 import sys
 import time
 from dataclasses import dataclass
@@ -116,7 +117,9 @@ def deploy(argv: list[str]) -> int:
 
 
 class StatusLine:
-    """A line about what the robot does: in place on a terminal, otherwise every ten seconds and when it changes.
+    """A line about what the robot does: in place on a terminal, otherwise every ten seconds.
+
+    The loop must not wait for whoever reads it: while a terminal stands still, or a pipe is full, lines are left out.
 
     Args:
         stream: Stream to write to.
@@ -136,7 +139,10 @@ class StatusLine:
         now = time.monotonic()
         if now - self._last < self._interval:
             return
-        self._last, self._written = now, True
+        self._last = now
+        if not _takes_text(self._stream):
+            return
+        self._written = True
         text = status()
         self._stream.write(f"\r{text[:118]:<118}" if self._in_place else f"{text}\n")
         self._stream.flush()
@@ -145,6 +151,14 @@ class StatusLine:
         """End the terminal's line."""
         if self._in_place and self._written:
             self._stream.write("\n")
+
+
+def _takes_text(stream: TextIO) -> bool:
+    """Whether a line can be written without waiting for the stream's reader."""
+    try:
+        return bool(select.select([], [stream.fileno()], [], 0.0)[1])
+    except (OSError, ValueError):  # a stream without a descriptor
+        return True
 
 
 def _open_log(path: Path, bundle: Any) -> Any:

@@ -1,5 +1,7 @@
 """``vuca deploy`` as it is typed: what is wrong is one line, and SIGTERM leaves a zero command behind."""
 
+import contextlib
+import math
 import os
 import signal
 import subprocess
@@ -10,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from tests.vuca_nav.deploy import bundles
-from vuca_nav.deploy.command import deploy
+from vuca_nav.deploy.command import StatusLine, deploy
 from vuca_nav.deploy.transport.dds import DdsTransport
 from vuca_nav.deploy.transport.network import NetworkConfig
 from vuca_nav.errors import BadArgument, VucaError
@@ -49,8 +51,26 @@ def test_a_log_is_not_written_over(tmp_path: Path) -> None:
         deploy([str(bundle), "--log", str(log)])
 
 
+def test_the_loop_does_not_wait_for_whoever_reads_the_status() -> None:
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    with os.fdopen(reader, "rb") as heard, os.fdopen(writer, "w") as stream:
+        line = StatusLine(stream)
+        line(lambda: "standing")
+        assert heard.read1(100) == b"standing\n"
+        with contextlib.suppress(BlockingIOError):
+            while os.write(writer, bytes(1000)):
+                pass
+        os.set_blocking(writer, True)
+        line._last = -math.inf
+        line(lambda: "nobody reads this")
+        os.set_blocking(reader, False)
+        assert b"nobody" not in heard.read()
+
+
 @pytest.mark.slow
-def test_a_terminated_process_leaves_a_zero_command(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_terminated_process_leaves_a_zero_command(tmp_path: Path, number: signal.Signals) -> None:
     from eval.export.command import export
 
     bundle = tmp_path / "tiago"
@@ -68,8 +88,8 @@ def test_a_terminated_process_leaves_a_zero_command(tmp_path: Path) -> None:
                 assert process.poll() is None
                 assert time.monotonic() < end
                 time.sleep(0.05)
-            process.send_signal(signal.SIGTERM)
-            assert process.wait(30.0) == 143
+            process.send_signal(number)
+            assert process.wait(30.0) == 128 + number
         finally:
             process.kill()
         last = [received.message.twist for received in commands.take()][-1]

@@ -11,6 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from vuca_nav.checks import check_fields
+from vuca_nav.cli import undisturbed
 from vuca_nav.deploy.bundle import Bundle
 from vuca_nav.deploy.node.action import NavigateToPose, Progress, Status
 from vuca_nav.deploy.node.base import RosBase
@@ -119,9 +120,10 @@ class Node:
                 if self.pace.wait():
                     self.tick()
         finally:
+            with undisturbed():
+                self.outputs.farewell(self.now())
             gc.enable()
             gc.unfreeze()
-            self.outputs.farewell(self.now())
 
     def now(self) -> int:
         """The time that stamps are of [ns]: in lockstep that of the newest reading."""
