@@ -123,15 +123,17 @@ class Inputs:
 
     def _accept_first(self, message: Any) -> None:
         """See what lidar the scans are of: as the bundle says, but for what the message and tf_static say."""
-        robot = self._robot
         stamp_of(message.header.stamp)
         self._take_static()
+        self.lidar, self._first = self._lidar_of(message), message
+
+    def _lidar_of(self, message: Any) -> LidarSpec:
+        """The lidar of a scan, as far as is known now."""
+        robot = self._robot
         mount = self._static.mount(robot.frames.base, message.header.frame_id.lstrip("/"))
         if mount is None:
-            lidar = lidar_of(message, robot.lidar)
-        else:
-            lidar = lidar_of(message, robot.lidar, mount.base_from_lidar, is_inverted=mount.is_inverted)
-        self.lidar, self._first = lidar, message
+            return lidar_of(message, robot.lidar)
+        return lidar_of(message, robot.lidar, mount.base_from_lidar, is_inverted=mount.is_inverted)
 
     def _take_static(self) -> None:
         """Take in the static transforms now: they are latched, and the first scan needs them."""
@@ -143,6 +145,14 @@ class Inputs:
 
     def _take_transforms(self, message: Any, _: int) -> None:
         self._static.add(message)
+        if self._first is None:
+            return
+        try:
+            lidar = self._lidar_of(self._first)
+        except Refused:  # as the next scan will be
+            lidar = None
+        if lidar != self.lidar:  # the first scan came before it was known where the lidar stands
+            self._first = self.scan = None
 
     def _take_imu(self, message: Any, _: int) -> None:
         self._up = vertical_of_imu(message, self._robot.frames)

@@ -230,6 +230,8 @@ class Node:
         scan, odometry = self.inputs.scan, self.inputs.odometry
         if scan is None or odometry is None:
             return None
+        if self._epoch is not None and self.inputs.lidar != self._lidar:  # tf_static came after the first scan
+            self._start, self._epoch = self.navigator.map_from_base, None
         epoch = self._begin(scan.stamp, odometry.odom_from_base) if self._epoch is None else self._epoch
         return scan.scan(epoch), odometry.odometry(epoch)
 

@@ -7,13 +7,15 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from tests.vuca_nav.deploy.node.robot_side import START, RobotSide, bundle, node, still
+from tests.vuca_nav.deploy.node.robot_side import BEGINS, START, RobotSide, bundle, node, still
+from vuca_nav.deploy.messages import transform_message
 from vuca_nav.deploy.node.action import ACTION, Status
 from vuca_nav.deploy.node.loop import Node, NodeConfig
 from vuca_nav.deploy.safety.config import SafetyConfig
 from vuca_nav.deploy.safety.layer import SafetyLayer
 from vuca_nav.deploy.safety.status import Tick
 from vuca_nav.deploy.transport.dds import DdsTransport
+from vuca_nav.deploy.transport.interface import LATCHED
 from vuca_nav.deploy.transport.network import NetworkConfig
 from vuca_nav.deploy.transport.ros_types import new
 from vuca_nav.geometry import distance
@@ -134,6 +136,22 @@ def test_the_robots_own_lidar_is_taken(ours: DdsTransport, theirs: DdsTransport)
     assert not still(robot.drive(made, 45))
     assert made.navigator.slam.lidar.num_beams == 241
     assert len(made.navigator.percept.scan.ranges) == 241 if made.navigator.percept else False
+
+
+def test_a_mount_that_is_told_late_is_taken_and_the_robot_stands_until_then(driven: tuple[Node, RobotSide]) -> None:
+    made, robot = driven
+    robot.place()
+    robot.send_goal(*GOAL)
+    assert not still(robot.drive(made, 45)[40:])
+    mount = transform_message(Pose2(0.15, 0.0, 0.0), BEGINS, "base_link", "laser")
+    robot.transport.advertise("/tf_static", "tf2_msgs/msg/TFMessage", LATCHED).publish(mount)
+    end = time.monotonic() + 10.0
+    while made.inputs.scan is not None and time.monotonic() < end:
+        made.inputs.take()
+    assert still(robot.drive(made, 20))
+    assert made.navigator.slam.lidar.mount == Pose2(0.15, 0.0, 0.0)
+    assert made.navigator.map_from_base.x == pytest.approx(robot.pose.x, abs=0.1)
+    assert not still(robot.drive(made, 30)[20:])
 
 
 def test_an_action_is_driven_to_its_end_with_feedback(driven: tuple[Node, RobotSide], theirs: DdsTransport) -> None:
