@@ -203,7 +203,7 @@ class RemoteStack(Stack):
     def __init__(self, wire: RobotWire, pace: Pace, warm_up: float = 0.0):
         self.wire, self.pace = wire, pace
         self._warm_up = round(warm_up * TICK_RATE)
-        self._begins, self._now = FIRST_STAMP, FIRST_STAMP
+        self._begins = self._now = self._clock_began = FIRST_STAMP
         self._scan_stamp = -1
         self._goal = (0.0, 0.0)
         self._start = self.map_from_base = Pose2(0.0, 0.0, 0.0)
@@ -217,6 +217,7 @@ class RemoteStack(Stack):
             prior_map: A map known beforehand, published on ``map``.
         """
         self._begins = self._now = self._now + BETWEEN_MISSIONS if self._scan_stamp >= 0 else FIRST_STAMP
+        self._clock_began = self._begins
         self._start, self._goal, self._scan_stamp = start, goal, -1
         self._is_begun = False
         self.wire.map_from_odom = None
@@ -259,5 +260,6 @@ class RemoteStack(Stack):
 
     def _estimate(self, odometry: Odometry) -> Pose2:
         found = self.wire.map_from_odom
-        map_from_odom = self._start if found is None else found[1]
+        is_old = found is None or found[0] < self._clock_began  # of the mission before, and taken only now
+        map_from_odom = self._start if is_old else found[1]
         return compose(map_from_odom, odometry.odom_from_base)

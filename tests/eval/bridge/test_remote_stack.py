@@ -91,6 +91,17 @@ def test_the_estimate_is_the_transform_of_map_to_odom_over_the_odometry(network,
     assert stack.map_from_base == pytest.approx((2.5, 4.0, np.pi / 2.0))
 
 
+def test_a_transform_of_the_mission_before_is_no_estimate(network, body):
+    other = OtherSide(network, lambda scan, odometry: FORWARD)
+    stack = remote(network, body, Lockstep(0.3))
+    stack.reset(Pose2(2.0, 3.0, 0.0), GOAL)
+    stack.step(*readings())
+    stack.reset(Pose2(7.0, 3.0, 0.0), GOAL)
+    other.publish_transform(Pose2(2.5, 3.0, 0.0), FIRST_STAMP)
+    stack.step(*readings())
+    assert stack.map_from_base == (7.0, 3.0, 0.0)
+
+
 def test_in_real_time_the_base_holds_a_command_and_stops_when_it_is_old(network, body):
     answers = iter([FORWARD])
     other = OtherSide(network, lambda scan, odometry: next(answers))
