@@ -81,6 +81,10 @@ def deploy(argv: list[str]) -> int:
     bundle = load_bundle(arguments.bundle)
     if arguments.lockstep and arguments.twist:
         raise BadArgument("--lockstep needs cmd_vel with stamps: leave --twist out")
+    if arguments.base == "unitree" and (arguments.lockstep or arguments.twist or ros.use_sim_time):
+        raise BadArgument(
+            "--base unitree has neither cmd_vel nor a simulator's time: leave out --lockstep, --twist and use_sim_time"
+        )
     config = NodeConfig(
         lockstep=arguments.lockstep,
         use_sim_time=ros.use_sim_time or arguments.lockstep,
@@ -89,16 +93,17 @@ def deploy(argv: list[str]) -> int:
         speed=arguments.speed,
     )
     log = NodeLog() if arguments.log is None else _open_log(arguments.log, bundle)
-    telemetry = _open_telemetry(arguments)
-    began = time.monotonic()
-    print("compiling, and driving the bundle's recorded steps once ...", file=sys.stderr)
-    warm_up(bundle)
-    print(f"ready after {time.monotonic() - began:.1f} s", file=sys.stderr)
-    if network.warning is not None:
-        print(f"warning: {network.warning}", file=sys.stderr)
-    where = "this machine alone" if network.interface is None else network.interface
-    print(f"ROS domain {network.domain} on {where}, namespace {ros.namespace}", file=sys.stderr)
+    telemetry = None
     try:
+        telemetry = _open_telemetry(arguments)
+        began = time.monotonic()
+        print("compiling, and driving the bundle's recorded steps once ...", file=sys.stderr)
+        warm_up(bundle)
+        print(f"ready after {time.monotonic() - began:.1f} s", file=sys.stderr)
+        if network.warning is not None:
+            print(f"warning: {network.warning}", file=sys.stderr)
+        where = "this machine alone" if network.interface is None else network.interface
+        print(f"ROS domain {network.domain} on {where}, namespace {ros.namespace}", file=sys.stderr)
         with DdsTransport(network, ros) as transport:
             node = Node(bundle, transport, config, telemetry, log)
             line = StatusLine(sys.stderr)

@@ -83,11 +83,11 @@ def write_bundle(out: Path, files: Mapping[str, bytes], about: Mapping[str, Any]
             target.rename(old)
         aside.rename(target)
     except OSError as error:
-        with contextlib.suppress(OSError):
-            if old.exists() and not target.exists():
-                old.rename(target)
         raise BadBundle(f"--out {out} cannot be written: {error.strerror}") from error
     finally:
+        with contextlib.suppress(OSError):
+            if old.exists() and not target.exists():  # an error, or an interrupt
+                old.rename(target)
         shutil.rmtree(aside, ignore_errors=True)
         shutil.rmtree(old, ignore_errors=True)
     return content["digest"]

@@ -2,6 +2,7 @@
 
 import json
 import os
+import pathlib
 
 import numpy as np
 import pytest
@@ -226,3 +227,19 @@ class TestWriting:
             write(directory, method="other")
         assert load_bundle(directory).manifest.method == "net"
         assert [path.name for path in tmp_path.iterdir()] == ["b"]
+
+
+def test_an_interrupt_while_a_bundle_is_replaced_keeps_the_old_one(tmp_path, monkeypatch):
+    out = write(tmp_path / "bundle")
+    rename = pathlib.Path.rename
+
+    def interrupted(self, target):
+        if self.name.endswith(".new"):
+            raise KeyboardInterrupt
+        return rename(self, target)
+
+    monkeypatch.setattr(pathlib.Path, "rename", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write(out, command="another")
+    assert load_bundle(out).manifest.content.get("command") != "another"
+    assert [path.name for path in tmp_path.iterdir()] == ["bundle"]

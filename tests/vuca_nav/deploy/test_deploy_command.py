@@ -24,6 +24,8 @@ DOMAIN = 106
     ("options", "message"),
     [
         (["--lockstep", "--twist"], "--twist"),
+        (["--base", "unitree", "--lockstep"], "--base unitree"),
+        (["--base", "unitree", "--ros-args", "-p", "use_sim_time:=true"], "--base unitree"),
         (["--record", "a.rrd", "--spawn"], "exclude each other"),
         (["--interface", "nonesuch0"], "network interface"),
         (["--domain", "999"], "domain"),
