@@ -54,6 +54,7 @@ class MissionLog:
             raise BadArgument(f"--log {path} exists; a log is never written over: give another name") from None
         except OSError as error:
             raise BadArgument(f"--log {path} cannot be written: {error.strerror}") from error
+        self._path = path
         self.failure: str | None = None
         """Why the log is not whole; None while it is."""
         self._channels: dict[str, int] = {}
@@ -122,11 +123,14 @@ class MissionLog:
         self._guarded(self._file.flush)
 
     def close(self) -> None:
-        """Write what is left, and the index; a second call does nothing."""
+        """Write what is left, and the index; a second call does nothing. A log without a message is not kept."""
         if not self._file.closed:
             self._guarded(self._writer.finish)
             with contextlib.suppress(OSError):  # of the last bytes, on a disk that is full
                 self._file.close()
+            if not self._numbers:  # ended before the first: the same command can be given again
+                with contextlib.suppress(OSError):
+                    self._path.unlink()
 
     def __enter__(self) -> "MissionLog":
         """Begin."""

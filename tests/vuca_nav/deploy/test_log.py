@@ -129,3 +129,10 @@ def test_memory_stays_bounded(bundle, tmp_path):
     tracemalloc.stop()
     log.close()
     assert later < 300_000
+
+
+def test_a_log_that_ends_before_its_first_message_is_not_in_the_way_of_the_next(bundle, tmp_path):
+    MissionLog(tmp_path / "log.mcap", bundle.manifest).close()
+    with MissionLog(tmp_path / "log.mcap", bundle.manifest) as log:
+        log.received("/scan", SCAN, scan_bytes(), 7)
+    assert [message.number for message in LogFile(tmp_path / "log.mcap").messages()] == [0]

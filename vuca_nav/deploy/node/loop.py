@@ -90,7 +90,7 @@ class Node:
         self.outputs = Outputs(transport, bundle.robot, base, log)
         self.action = NavigateToPose(transport, bundle.robot.frames.map)
         self.after_tick: Callable[[], None] = lambda: None
-        """Called at the end of each tick."""
+        """Called at the end of each tick, and in lockstep while there is none."""
         self.navigator = bundle.navigator(telemetry)
         self.navigator.head_for(None)
         self.safety = self._safety_layer()
@@ -119,6 +119,8 @@ class Node:
             while True:
                 if self.pace.wait():
                     self.tick()
+                elif self._config.lockstep:  # which may never tick
+                    self.after_tick()
         finally:
             with undisturbed():
                 self.outputs.farewell(self.now())
@@ -170,8 +172,9 @@ class Node:
     def status(self) -> str:
         """One line about what the robot does."""
         navigator, state = self.navigator, self.safety.state
-        if self.inputs.scan is None or self.inputs.odometry is None:
-            missing = [name for name in ("scan", "odometry") if getattr(self.inputs, name) is None]
+        needed = ("clock", "scan", "odometry") if self._config.use_sim_time else ("scan", "odometry")
+        missing = [name for name in needed if getattr(self.inputs, name) is None]
+        if missing:
             return f"waiting for {' and '.join(missing)}"
         goal = "no goal" if navigator.goal is None else f"{self._way_to_go():.2f} m to the goal"
         return f"{state.action}: {state.message}; {goal}"

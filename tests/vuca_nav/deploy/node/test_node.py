@@ -241,3 +241,20 @@ def test_in_real_time_it_ticks_with_the_scans_and_stops_when_they_stop(
     assert made.safety.state.reasons[0].name == "scan_silent"
     received = robot.commands.take()
     assert received[-1].message.twist.linear.x == 0.0
+
+
+def test_in_lockstep_it_says_what_it_waits_for(driven: tuple[Node, RobotSide]) -> None:
+    made, robot = driven
+    said = []
+
+    def say() -> None:
+        said.append(made.status())
+        raise InterruptedError  # once is enough
+
+    made.after_tick = say
+    with pytest.raises(InterruptedError):
+        made.run()
+    assert said == ["waiting for clock and scan and odometry"]
+    made.after_tick = lambda: None
+    robot.drive(made, 1)
+    assert made.status().endswith("no goal")
