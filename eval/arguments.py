@@ -6,21 +6,18 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-
-def _optional(metavar: str) -> Any:
-    """An argument that may be left out: it is shown without a default of None."""
-    return tyro.conf.arg(metavar=metavar, help_behavior_hint="")
+from vuca_nav.cli import optional
 
 
 @dataclass(frozen=True)
 class DialArguments:
     """How much moves, how fast, and how much of it sees the robot."""
 
-    movers: Annotated[int | None, _optional("N")] = None
+    movers: Annotated[int | None, optional("N")] = None
     """Number of moving obstacles, in the worlds where things move; vuca list worlds shows the ranges."""
     speed: Annotated[float, tyro.conf.arg(metavar="FACTOR")] = 1.0
     """Factor on the speeds of the moving obstacles, 0 to 2.5."""
-    sighted: Annotated[float | None, _optional("SHARE")] = None
+    sighted: Annotated[float | None, optional("SHARE")] = None
     """Share of the moving obstacles that see the robot and give way to it, 0 to 1; if left out, as the world has it:
     the pedestrians of building do, all else is blind."""
 
@@ -36,23 +33,23 @@ class SceneArguments(DialArguments):
     world: str = "factory"
     """A world's name (see vuca list worlds), a scene file ending in .yaml, or a file of your own as map:FILE,
     barn:FILE, dynabarn:FILE or tracks:FILE (docs/your-own-map.md, docs/your-own-crowd.md)."""
-    region: Annotated[int | None, _optional("K")] = None
+    region: Annotated[int | None, optional("K")] = None
     """Number of quarters of the factory, 1 to 4."""
     seed: int = 0
     """Seed of the world, its moving obstacles and the sensors' noise."""
     without: str = ""
     """Difficulties left out: V moving obstacles, U the map unknown, C corridors, A noise of the sensors."""
-    start: Annotated[tuple[float, float, float] | None, _optional("X Y YAW")] = None
+    start: Annotated[tuple[float, float, float] | None, optional("X Y YAW")] = None
     """Start here instead [m, m, rad]."""
-    goal: Annotated[tuple[float, float] | None, _optional("X Y")] = None
+    goal: Annotated[tuple[float, float] | None, optional("X Y")] = None
     """Go there instead [m]."""
-    tolerance: Annotated[float | None, _optional("M")] = None
+    tolerance: Annotated[float | None, optional("M")] = None
     """Distance from the goal within which it counts as reached [m]; if left out, the world's own, or 0.3."""
-    time_limit: Annotated[float | None, _optional("S")] = None
+    time_limit: Annotated[float | None, optional("S")] = None
     """Time limit [s]; if left out, the world's own, or one by the length of the shortest way."""
-    obstacles: Annotated[str | None, _optional("tracks:FILE")] = None
+    obstacles: Annotated[str | None, optional("tracks:FILE")] = None
     """Recorded people who walk in it besides, as they walked (docs/your-own-crowd.md)."""
-    unknown: Annotated[Literal["solid", "free", "unknown"] | None, _optional("solid|free|unknown")] = None
+    unknown: Annotated[Literal["solid", "free", "unknown"] | None, optional("solid|free|unknown")] = None
     """What a map's unknown cells are: walls, as if left out; free floor; or free floor that is unknown to a robot
     with a map."""
 
@@ -63,7 +60,7 @@ class RobotArguments:
 
     robot: str = "tiago"
     """A robot's name (see vuca list robots), or mjcf:robot.yaml, a robot of your own (docs/your-own-robot.md)."""
-    method: Annotated[str | None, _optional("NAME")] = None
+    method: Annotated[str | None, optional("NAME")] = None
     """A method's name; vuca list methods shows them and which one is the default. module:build is a factory of your own
     (docs/methods.md)."""
 
@@ -74,18 +71,18 @@ class OptionArguments:
 
     trust: bool = False
     """Run the Python of your own: of a method module:build, of motions in a scene file, of the drive of a robot."""
-    policy: Annotated[Path | None, _optional("FILE.safetensors")] = None
+    policy: Annotated[Path | None, optional("FILE.safetensors")] = None
     """Drive by these weights instead of the method's own, as vuca train makes them."""
-    gate: Annotated[str | None, _optional("uniform")] = None
+    gate: Annotated[str | None, optional("uniform")] = None
     """Give every expert the same share, instead of what the trained gate decides; for a fused policy."""
-    without_expert: Annotated[int | None, _optional("N")] = None
+    without_expert: Annotated[int | None, optional("N")] = None
     """Leave expert N out (1 to 4, as in the paper); the others share what it had; for a fused policy."""
     no_shield: bool = False
     """Let the policy's commands through as they are; for a method with a shield."""
-    critic: Annotated[Path | None, _optional("FILE.safetensors")] = None
+    critic: Annotated[Path | None, optional("FILE.safetensors")] = None
     """Rate exploration's candidates by this critic instead of the shipped one; for a method with V^h (see vuca train
     critic)."""
-    gamma: Annotated[float | None, _optional("G")] = None
+    gamma: Annotated[float | None, optional("G")] = None
     """Weight of V^h: extra way [m] that is worth it if it surely spares meeting a mover; for a method with V^h."""
 
 
@@ -112,7 +109,7 @@ class EpisodeArguments(DriverArguments, SceneArguments):
 class RunArguments(MonitorArguments, EpisodeArguments):
     """Run one episode: a robot, a world it has no map of, a goal."""
 
-    record: Annotated[Path | None, _optional("FILE.rrd")] = None
+    record: Annotated[Path | None, optional("FILE.rrd")] = None
     """Record the run for the Rerun viewer."""
     spawn: bool = False
     """Show the run in a Rerun viewer as it happens."""
@@ -136,30 +133,30 @@ class ListArguments:
 class EvalArguments(MonitorArguments, OptionArguments, DialArguments):
     """Run a suite of episodes on all cores; run it again, and it goes on where it was."""
 
-    suite: Annotated[tyro.conf.Positional[str | None], _optional("SUITE")] = None
+    suite: Annotated[tyro.conf.Positional[str | None], optional("SUITE")] = None
     """A suite's name (see vuca list suites); none with --tasks."""
     out: Path
     """Directory of the results."""
-    tasks: Annotated[Path | None, _optional("FILE")] = None
+    tasks: Annotated[Path | None, optional("FILE")] = None
     """Run these tasks instead: a file of tasks, or a folder of worlds, each with its own task
     (docs/your-own-map.md)."""
-    robot: Annotated[str | None, _optional("NAME,...")] = None
+    robot: Annotated[str | None, optional("NAME,...")] = None
     """Robots, instead of the suite's own (see vuca list robots), or mjcf:robot.yaml of your own
     (docs/your-own-robot.md)."""
-    method: Annotated[str | None, _optional("NAME,...")] = None
+    method: Annotated[str | None, optional("NAME,...")] = None
     """Methods, instead of the suite's own (see vuca list methods), or module:build of your own (docs/methods.md). An
     option below goes to those that take it."""
-    episodes: Annotated[int | None, _optional("N")] = None
+    episodes: Annotated[int | None, optional("N")] = None
     """Only the first N episodes, of all robots, methods and tasks together: the first seed of each comes before the
     second. --seeds A:B runs B - A of each."""
-    seeds: Annotated[str | None, _optional("A:B")] = None
+    seeds: Annotated[str | None, optional("A:B")] = None
     """The seeds A to B - 1 instead of the suite's own."""
-    workers: Annotated[int | None, _optional("W")] = None
+    workers: Annotated[int | None, optional("W")] = None
     """Number of processes; by default one for each core."""
     backend: Literal["local", "ray"] = "local"
     """Where the episodes run: on this computer, or on a Ray cluster, that of RAY_ADDRESS or one that is started here.
     The rows are the same."""
-    record: Annotated[Literal["failures"] | None, _optional("failures")] = None
+    record: Annotated[Literal["failures"] | None, optional("failures")] = None
     """Run the missions that failed once more and record them, into OUT/recordings."""
     json: bool = False
     """End with one JSON object on stdout, the summary."""
@@ -172,9 +169,9 @@ class CompareArguments:
     folders: tyro.conf.Positional[tuple[Path, ...]]
     """Directories of vuca eval, complete or not, or files of kept rows; each method in them is compared with the
     first."""
-    against: Annotated[str | None, _optional("NAME")] = None
+    against: Annotated[str | None, optional("NAME")] = None
     """Compare with this method or directory instead of the first; named as in the tables."""
-    seeds: Annotated[str | None, _optional("A:B")] = None
+    seeds: Annotated[str | None, optional("A:B")] = None
     """Only the seeds A to B - 1."""
     json: bool = False
     """End with one JSON object on stdout, the differences."""
@@ -204,30 +201,30 @@ class ExplainArguments:
 
     source: tyro.conf.Positional[Path]
     """Directory of a vuca eval, or a file that holds what vuca run --json printed."""
-    seed: Annotated[tyro.conf.Positional[int | None], _optional("SEED")] = None
+    seed: Annotated[tyro.conf.Positional[int | None], optional("SEED")] = None
     """Seed of the episode; it may be left out if the source holds one episode."""
-    world: Annotated[str | None, _optional("NAME")] = None
+    world: Annotated[str | None, optional("NAME")] = None
     """Its world, where the source holds the seed in several; the same with the options below."""
-    region: Annotated[int | None, _optional("K")] = None
+    region: Annotated[int | None, optional("K")] = None
     """Its region of the factory."""
-    robot: Annotated[str | None, _optional("NAME")] = None
+    robot: Annotated[str | None, optional("NAME")] = None
     """Its robot."""
-    method: Annotated[str | None, _optional("NAME")] = None
+    method: Annotated[str | None, optional("NAME")] = None
     """Its method."""
-    without: Annotated[str | None, _optional("LETTERS")] = None
+    without: Annotated[str | None, optional("LETTERS")] = None
     """The difficulties that it leaves out."""
-    movers: Annotated[int | None, _optional("N")] = None
+    movers: Annotated[int | None, optional("N")] = None
     """Its number of moving obstacles."""
-    speed: Annotated[float | None, _optional("FACTOR")] = None
+    speed: Annotated[float | None, optional("FACTOR")] = None
     """Its factor on their speeds."""
-    sighted: Annotated[float | None, _optional("SHARE")] = None
+    sighted: Annotated[float | None, optional("SHARE")] = None
     """Its share of them that see the robot."""
-    task: Annotated[str | None, _optional("NAME")] = None
+    task: Annotated[str | None, optional("NAME")] = None
     """Its task, of an evaluation of tasks."""
     all: bool = False
     """Find the last avoidable moment of every collision there is, without recordings and pictures; run again, it goes
     on where it was."""
-    out: Annotated[Path | None, _optional("DIR")] = None
+    out: Annotated[Path | None, optional("DIR")] = None
     """Directory of the recording and the picture, or of all moments; by default "explained" beside the rows."""
     trust: bool = False
     """Run the Python that the row names: its method module:build, motions in its scene file, the drive of its robot."""
@@ -248,7 +245,7 @@ class HeatmapArguments(EpisodeArguments):
     """The picture, a PNG file."""
     at: float = 20.0
     """Moment of the run [s]; if it is over earlier, its last one."""
-    method: Annotated[str | None, _optional("NAME")] = None
+    method: Annotated[str | None, optional("NAME")] = None
     """A method with V^h (see vuca list methods): it drives, and its critic is asked; by default ours."""
     half_side: float = 8.0
     """Half the side of the square that is drawn [m]."""

@@ -15,7 +15,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from importlib.metadata import EntryPoint, entry_points, version
 from types import FrameType
-from typing import TextIO, TypeVar
+from typing import Any, TextIO, TypeVar
 
 from vuca_nav.errors import UnknownName, VucaError, how_to_install
 from vuca_nav.own_packages import prefer_own_packages
@@ -88,7 +88,7 @@ def run_module(name: str, main: Callable[[Arguments], object], kind: type[Argume
         kind: Its arguments, a dataclass.
     """
     spec = sys.modules["__main__"].__spec__  # none of a script or of -c
-    program = f"python -m {spec.name}" if spec else name
+    program = f"python -m {spec.name.removesuffix('.__main__')}" if spec else name
 
     def command() -> int:
         prefer_own_packages()
@@ -288,6 +288,17 @@ def parse(kind: type[Arguments], command: str, argv: list[str]) -> Arguments:
         VucaError: An argument is unknown, missing or not of its type.
     """
     return _parse(kind, f"vuca {command}", argv)
+
+
+def optional(metavar: str) -> Any:
+    """An argument that may be left out: the help shows it without a default of None.
+
+    Args:
+        metavar: Name of its value in the help.
+    """
+    import tyro
+
+    return tyro.conf.arg(metavar=metavar, help_behavior_hint="")
 
 
 def _parse(kind: type[Arguments], program: str, argv: list[str]) -> Arguments:

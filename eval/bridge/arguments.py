@@ -2,16 +2,12 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import tyro
 
 from eval.arguments import SceneArguments
-
-
-def _optional(metavar: str) -> Any:
-    """An argument that may be left out: it is shown without a default of None."""
-    return tyro.conf.arg(metavar=metavar, help_behavior_hint="")
+from vuca_nav.cli import optional
 
 
 @dataclass(frozen=True)
@@ -26,13 +22,13 @@ class BridgeArguments(SceneArguments):
     """A robot's name (see vuca list robots)."""
     trust: bool = False
     """Run the Python that a robot of your own names, or a world."""
-    seeds: Annotated[str | None, _optional("A:B")] = None
+    seeds: Annotated[str | None, optional("A:B")] = None
     """Missions with the seeds A to B - 1, one after the other, instead of --seed."""
-    episodes: Annotated[int | None, _optional("N")] = None
+    episodes: Annotated[int | None, optional("N")] = None
     """N missions, with the seeds from --seed on."""
     name: Annotated[str, tyro.conf.arg(name="as", metavar="NAME")] = "remote"
     """The method's name in the rows and tables: what it is that drives."""
-    out: Annotated[Path | None, _optional("DIR")] = None
+    out: Annotated[Path | None, optional("DIR")] = None
     """Keep the rows in this directory, as vuca eval does; the same command goes on where it was."""
     lockstep: bool = False
     """Wait for the command that answers each scan, by its stamp; the rows then repeat to the bit."""
@@ -47,9 +43,9 @@ class BridgeArguments(SceneArguments):
     """Type of cmd_vel: TwistStamped, or Twist, Nav2's up to Jazzy."""
     action: bool = False
     """Send the goal by the action navigate_to_pose instead of the topic goal_pose."""
-    domain: Annotated[int | None, _optional("N")] = None
+    domain: Annotated[int | None, optional("N")] = None
     """ROS domain; by default that of ROS_DOMAIN_ID, or 0."""
-    interface: Annotated[str | None, _optional("NAME")] = None
+    interface: Annotated[str | None, optional("NAME")] = None
     """Network interface, eth0 for example; by default this machine alone is reached."""
     json: bool = False
     """End with one JSON object on stdout: the row, or with several missions or --out the summary."""

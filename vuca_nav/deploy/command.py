@@ -10,13 +10,8 @@ from typing import Annotated, Any, Literal, TextIO
 
 import tyro
 
-from vuca_nav.cli import parse, show
+from vuca_nav.cli import optional, parse, show
 from vuca_nav.errors import BadArgument
-
-
-def _optional(metavar: str) -> Any:
-    """An argument that may be left out: it is shown without a default of None."""
-    return tyro.conf.arg(metavar=metavar, help_behavior_hint="")
 
 
 @dataclass(frozen=True)
@@ -35,7 +30,7 @@ class DeployArguments:
 
     bundle: tyro.conf.Positional[Path]
     """Folder that vuca export wrote."""
-    log: Annotated[Path | None, _optional("FILE.mcap")] = None
+    log: Annotated[Path | None, optional("FILE.mcap")] = None
     """Keep what is heard, said and done, for vuca replay, Foxglove and ros2 bag."""
     lockstep: bool = False
     """Answer each pair of scan and odometry with one stamp, however long it takes: for vuca bridge --lockstep. It wants
@@ -46,11 +41,11 @@ class DeployArguments:
     """What the base speaks: cmd_vel and odom of ROS, or requests and states of a Unitree Go2 (untried on hardware)."""
     speed: Annotated[float, tyro.conf.arg(metavar="SHARE")] = 1.0
     """Share of the body's greatest velocities that commands may have, 0.5 for the first time on the floor."""
-    domain: Annotated[int | None, _optional("N")] = None
+    domain: Annotated[int | None, optional("N")] = None
     """ROS domain; by default that of ROS_DOMAIN_ID, or 0."""
-    interface: Annotated[str | None, _optional("NAME")] = None
+    interface: Annotated[str | None, optional("NAME")] = None
     """Network interface, eth0 for example; by default this machine alone is reached."""
-    record: Annotated[Path | None, _optional("FILE.rrd")] = None
+    record: Annotated[Path | None, optional("FILE.rrd")] = None
     """Record the run for the Rerun viewer."""
     spawn: bool = False
     """Show the run in a Rerun viewer as it happens."""

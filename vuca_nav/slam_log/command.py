@@ -9,7 +9,7 @@ from typing import Annotated, TextIO
 
 import tyro
 
-from vuca_nav.cli import parse, show
+from vuca_nav.cli import optional, parse, show
 from vuca_nav.files import prepare_directory
 from vuca_nav.provenance import commit, machine
 
@@ -21,10 +21,10 @@ class SlamArguments:
     log: tyro.conf.Positional[Path]
     """The log: CARMEN (.clf, .log, also .gz; lines ROBOTLASER1 or FLASER), or an MCAP recording (.mcap, or the
     directory of a rosbag2) with LaserScan and Odometry or tf."""
-    relations: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="")] = None
+    relations: Annotated[Path | None, optional("FILE")] = None
     """True displacements between moments of the log, a line each: t1 t2 x y z roll pitch yaw (Kuemmerle et al.
     2009)."""
-    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR", help_behavior_hint="")] = None
+    out: Annotated[Path | None, optional("DIR")] = None
     """Directory for map.yaml, map.pgm, map.png, trajectory.tum (the final graph) and online.tum (as it was known at
     each moment). If left out, nothing is written."""
     json: bool = False

@@ -4,16 +4,12 @@ import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import tyro
 
-from vuca_nav.cli import parse, show
+from vuca_nav.cli import optional, parse, show
 from vuca_nav.files import prepare_file
-
-
-def _optional(metavar: str) -> Any:
-    return tyro.conf.arg(metavar=metavar, help_behavior_hint="")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,23 +21,23 @@ class ImportArguments:
     scene:FILE; without the word before the colon, its name tells what it is."""
     out: Path
     """The scene file, or - for none: the file is only checked."""
-    start: Annotated[tuple[float, float, float] | None, _optional("X Y YAW")] = None
+    start: Annotated[tuple[float, float, float] | None, optional("X Y YAW")] = None
     """Start here [m, m, rad]; a map has none of its own, then it is one end of the longest way."""
-    goal: Annotated[tuple[float, float] | None, _optional("X Y")] = None
+    goal: Annotated[tuple[float, float] | None, optional("X Y")] = None
     """Go there [m]; a map has none of its own, then it is the other end."""
-    tolerance: Annotated[float | None, _optional("M")] = None
+    tolerance: Annotated[float | None, optional("M")] = None
     """Distance from the goal within which it counts as reached [m]."""
-    time_limit: Annotated[float | None, _optional("S")] = None
+    time_limit: Annotated[float | None, optional("S")] = None
     """Time limit [s]."""
     unknown: Literal["solid", "free", "unknown"] = "solid"
     """What a map's unknown cells are: walls, free floor, or free floor that is unknown to a robot with a map."""
-    obstacles: Annotated[str | None, _optional("tracks:FILE")] = None
+    obstacles: Annotated[str | None, optional("tracks:FILE")] = None
     """Recorded people who walk in it besides."""
     radius: float = 0.25
     """Radius of recorded people [m]."""
     trust: bool = False
     """Run the Python of motions of your own, in a scene file."""
-    picture: Annotated[Path | None, _optional("FILE.png")] = None
+    picture: Annotated[Path | None, optional("FILE.png")] = None
     """Draw it, too: over the map's own cells, if it is one."""
     json: bool = False
     """End with one JSON object on stdout."""

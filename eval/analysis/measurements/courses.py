@@ -20,7 +20,7 @@ from eval.episode import Episode, EpisodeConfig
 from eval.methods import is_users_own
 from eval.runner import Crash, key_of
 from eval.store import Row
-from vuca_nav.cli import run_module
+from vuca_nav.cli import optional, run_module
 from vuca_nav.data_files import shown
 from vuca_nav.errors import BadArgument
 from vuca_nav.files import prepare_file
@@ -101,9 +101,9 @@ class CoursesArguments:
     """Directories of vuca eval, complete or not, or files of kept rows."""
     out: Path
     """The file of measurements, as runs/courses.jsonl; begun again, it goes on where it was."""
-    seed: Annotated[int | None, tyro.conf.arg(metavar="N", help_behavior_hint="")] = None
+    seed: Annotated[int | None, optional("N")] = None
     """Seed of the missions; by default the first that all methods, robots and places have."""
-    workers: Annotated[int | None, tyro.conf.arg(metavar="W", help_behavior_hint="")] = None
+    workers: Annotated[int | None, optional("W")] = None
     """Number of processes; by default one for each core."""
     trust: bool = False
     """Run the Python that rows name, if their method is module:build."""

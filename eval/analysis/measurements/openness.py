@@ -26,7 +26,7 @@ from eval.episode import Episode, EpisodeConfig
 from eval.methods import BEST_WITH_CRITIC, is_users_own
 from eval.suites import parse_seeds
 from robots.simulation import Simulation
-from vuca_nav.cli import run_module
+from vuca_nav.cli import optional, run_module
 from vuca_nav.errors import BadArgument
 from vuca_nav.exploration.heatmap import SafetyMap
 from vuca_nav.exploration.heuristic import LEAST, Critic, NoCritic
@@ -256,7 +256,7 @@ class OpennessArguments:
     """Number of quarters of the factory."""
     every: float = 10.0
     """Time between two moments [s]."""
-    workers: Annotated[int | None, tyro.conf.arg(metavar="W", help_behavior_hint="")] = None
+    workers: Annotated[int | None, optional("W")] = None
     """Number of processes; by default one for each core."""
 
 

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import tyro
 
 from eval.analysis.report.tables import markdown
 from eval.bridge.faults.campaign import FaultyStack, Means, MissionOver, Trial
@@ -24,7 +23,7 @@ from eval.bridge.session import BridgedEpisode, wait_for_stack
 from eval.bridge.trials import bundle_of
 from eval.episode import EpisodeConfig
 from robots.registry import make_body
-from vuca_nav.cli import run_module, show
+from vuca_nav.cli import optional, run_module, show
 from vuca_nav.deploy.safety.faults import FAULTS
 from vuca_nav.deploy.transport.dds import DdsTransport
 from vuca_nav.deploy.transport.names import RosArguments
@@ -56,7 +55,7 @@ class FaultArguments:
     """Difficulties left out."""
     method: str = "ours-dh"
     """The method that is deployed."""
-    faults: Annotated[str | None, tyro.conf.arg(metavar="NAME,...", help_behavior_hint="")] = None
+    faults: Annotated[str | None, optional("NAME,...")] = None
     """Only these faults, with commas between them."""
     number: int = 20
     """Number of trials of each fault."""

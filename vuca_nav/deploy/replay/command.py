@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from vuca_nav.cli import parse, show
+from vuca_nav.cli import optional, parse, show
 from vuca_nav.errors import BadArgument
 
 if TYPE_CHECKING:
@@ -38,13 +38,13 @@ class ReplayArguments:
     """Folder of vuca export."""
     log: tyro.conf.Positional[Path]
     """MCAP file of vuca deploy, or of ros2 bag record with a scan and odometry."""
-    goal: Annotated[tuple[float, float] | None, tyro.conf.arg(metavar="X Y", help_behavior_hint="")] = None
+    goal: Annotated[tuple[float, float] | None, optional("X Y")] = None
     """Goal in the map [m], for a log without one."""
-    scan: Annotated[str | None, tyro.conf.arg(metavar="TOPIC", help_behavior_hint="")] = None
+    scan: Annotated[str | None, optional("TOPIC")] = None
     """Topic of the scan, where a log of others has several."""
-    odometry: Annotated[str | None, tyro.conf.arg(metavar="TOPIC", help_behavior_hint="")] = None
+    odometry: Annotated[str | None, optional("TOPIC")] = None
     """Topic of the odometry, where a log of others has several."""
-    record: Annotated[Path | None, tyro.conf.arg(metavar="FILE.rrd", help_behavior_hint="")] = None
+    record: Annotated[Path | None, optional("FILE.rrd")] = None
     """Record the replay for the Rerun viewer."""
     json: bool = False
     """End with one JSON object on stdout."""
