@@ -63,7 +63,10 @@ def optimal_length(path: str | Path) -> float | None:
     Raises:
         BadWorld: The file cannot be read, or the number is out of range.
     """
-    top = Fields(str(path), read_json(path, BadWorld))
+    return _stated_length(Fields(str(path), read_json(path, BadWorld)))
+
+
+def _stated_length(top: Fields) -> float | None:
     for name in ("optimal_path_length_m", "straight_line_m"):
         if name in top:
             return top.number(name, 1e-3)
@@ -95,6 +98,7 @@ def _from_json(path: Path) -> World:
         raise BadWorld(f"{path}: no obstacles; cylinders, boxes or moving would be right")
     tolerance = top.number("goal_tolerance_m", 1e-3, 100.0) if "goal_tolerance_m" in top else TOLERANCE
     limit = top.number("timeout_s", 1.0, 1e5) if "timeout_s" in top else TIME_LIMIT
+    _stated_length(top)  # whoever scores by it must not find it broken
     task = _Task(Pose2(x, y, yaw if abs(yaw) <= math.pi else wrap_angle(yaw)), (goal[0], goal[1]), tolerance, limit)
     return _checked(path, tuple(_obstacle(shape) for shape in shapes), movers, task)
 
@@ -161,17 +165,29 @@ def _sdf_shapes(path: Path) -> list[Shape]:
     for tag, why in (
         ("include", "it names another file; a world that holds its models itself would be right"),
         ("actor", "it moves by an animation; JSON with keyframes, and dynabarn:, would be right"),
+        ("population", "it draws models at random; a world that holds its models itself would be right"),
+        ("insertions", "it adds models while it runs; a world that holds its models itself would be right"),
+        ("deletions", "it takes models away while it runs; a world without them would be right"),
     ):
         if next(root.iter(tag), None) is not None:
             raise BadWorld(f"{path}: <{tag}>: {why}")
-    moved = {model.get("name"): model.find("pose") for model in world.iterfind("state/model")}
+    moved = {model.get("name"): model for model in world.iterfind("state/model")}
     shapes: list[Shape] = []
+    names: set[str | None] = set()
     for model in world.iterfind("model"):
         where = f"{path}: model {shown(repr(model.get('name', '')))}"
         if next(model.iter("plugin"), None) is not None or model.find("model") is not None:
             raise BadWorld(f"{where}: it has a plugin or a model within; plain links would be right")
+        if model.get("name") in names:
+            raise BadWorld(f"{where}: a second model of this name; a name for each would be right")
+        names.add(model.get("name"))
         state = moved.get(model.get("name"))
-        pose = _pose(model.find("pose") if state is None else state, where)
+        if state is not None:
+            scale = state.find("scale")
+            if scale is not None and any(number != 1.0 for number in _numbers(scale, 3, where)):
+                raise BadWorld(f"{where}: its state scales it; shapes of the right size would be right")
+        placed = None if state is None else state.find("pose")
+        pose = _pose(model.find("pose") if placed is None else placed, where)
         found = 0
         for link in model.iterfind("link"):
             for collision in link.iterfind("collision"):
@@ -203,6 +219,11 @@ def _pose(element: Element | None, where: str) -> _Pose:
         return _Pose(0.0, 0.0, 0.0, 0.0)
     if element.get("frame") or element.get("relative_to"):
         raise BadWorld(f"{where}: a pose relative to another frame; one in its parent's would be right")
+    if (
+        element.get("degrees", "false") not in ("false", "0")
+        or element.get("rotation_format", "euler_rpy") != "euler_rpy"
+    ):
+        raise BadWorld(f"{where}: a pose in degrees or of a quaternion; roll, pitch and yaw in radians would be right")
     x, y, z, roll, pitch, yaw = _numbers(element, 6, where)
     if abs(roll) > 1e-6 or abs(pitch) > 1e-6:
         raise BadWorld(f"{where}: it leans (roll {roll:g}, pitch {pitch:g}); an upright shape would be right")

@@ -124,7 +124,8 @@ class Fields:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise BadField(self.source, path, f"{shown(repr(value))} is not a number")
         if not (low <= value <= high) or not math.isfinite(value):
-            raise BadField(self.source, path, f"{value:g} is out of range; {low:g} to {high:g} would be right")
+            told = shown(value) if isinstance(value, int) else f"{value:g}"  # an integer may be beyond all floats
+            raise BadField(self.source, path, f"{told} is out of range; {low:g} to {high:g} would be right")
         return float(value)
 
     def _value(self, name: str) -> Any:

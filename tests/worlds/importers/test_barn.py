@@ -116,6 +116,12 @@ def test_a_state_moves_a_model(tmp_path):
         (sdf_of(MODELS.replace("frame=''", "relative_to='0'")), "relative to another frame"),
         (sdf_of(MODELS.replace("<static>1</static>", "<plugin name='p' filename='libobs.so'/>")), "has a plugin"),
         (sdf_of("<model name='m'><link name='l'><visual name='v'/></link></model>"), "seen but has no collision"),
+        (sdf_of(MODELS.replace("frame=''", "degrees='true'")), "a pose in degrees"),
+        (sdf_of(MODELS.replace("frame=''", "rotation_format='quat_xyzw'")), "a pose in degrees or of a quaternion"),
+        (sdf_of(MODELS + MODELS), "a second model of this name"),
+        (sdf_of(MODELS, "<state><model name='0'><scale>1 2 1</scale></model></state>"), "its state scales it"),
+        (sdf_of(MODELS, "<state><insertions/></state>"), "<insertions>"),
+        (sdf_of(MODELS, "<population name='p'/>"), "<population>"),
         (sdf_of(FLOOR), "no obstacles"),
         ("<sdf/>", "<sdf> with a <world> would be right"),
         ("<robot/>", "the root element is <robot>"),
@@ -161,6 +167,8 @@ def moving_with(**fields):
         (moving_with(period_s=3.0), "period: 3 s is shorter than the keyframes"),
         (moving_with(radius=0.0), "moving[0].radius: 0 is out of range"),
         (changed(goal_tolerance_m=-1), "goal_tolerance_m: -1 is out of range"),
+        (changed(optimal_path_length_m=-1), "optimal_path_length_m: -1 is out of range"),
+        (changed(cylinders=[[0, 0, 1, 10**400]]), "cylinders[0][3]: 1000"),
     ],
 )
 def test_broken_json_is_refused_in_one_line(tmp_path, content, text):
