@@ -131,14 +131,17 @@ def _rows(path: Path) -> Iterator[_Row]:
         header = [name.strip().lower() for name in next(reader, [])]
         columns = {what: _column(path, header, what) for what in HEADERS}
         count = 0
-        for count, words in enumerate(reader, start=1):
+        for words in reader:
             if not any(words):
                 continue
+            count += 1
             if count > MOST_ROWS:
                 raise BadWorld(f"{path}: more than {MOST_ROWS} rows; fewer would be right")
             if len(words) < len(header):
                 raise BadWorld(f"{path}: line {reader.line_num}: {len(words)} columns; {len(header)} would be right")
             where = f"{path}: line {reader.line_num}"
+            if not words[columns["person"]].strip():
+                raise BadWorld(f"{where}: the person is missing; a number or a name would be right")
             yield _Row(
                 reader.line_num,
                 _number(words[columns["time"]], f"{where}: the time", LONGEST),

@@ -94,6 +94,8 @@ def test_a_ground_of_their_own_is_crossed_along_its_longer_side(tmp_path):
         ((TABLE, ""), "it is empty"),
         (("t_s", "frame"), "no column of the time"),
         ((TABLE, "t_s,ped_id,x_m,y_m\n"), "no rows"),
+        ((TABLE, "t_s,ped_id,x_m,y_m\n\n,,,\n"), "no rows"),
+        (("0.8,1,0.9", "0.8,,0.9"), "line 6: the person is missing"),
         ((TABLE, TABLE.replace("0.0,1,0.0,0.0\n0.0,2,10.0,4.0\n", "") + "0.0,3,1.0,1.0\n"), "comes after a later time"),
         (("guest", "\0"), "not a text"),
     ],
