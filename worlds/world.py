@@ -195,8 +195,8 @@ class Mover:
     start: Pose2
     motion: Motion
     sighted: bool | None = None
-    """Whether it sees the robot and gives way to it; None: a pedestrian does, all others do not. Keyframes, and motion
-    of the user's own, go by themselves: False or None."""
+    """Whether it sees the robot and gives way to it; None: a pedestrian does, all others do not. Keyframes go by
+    themselves: False or None."""
 
     @property
     def sees_robot(self) -> bool:

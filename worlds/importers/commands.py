@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 import tyro
 
 from vuca_nav.cli import optional, parse, show
+from vuca_nav.errors import BadArgument
 from vuca_nav.files import prepare_file
 
 
@@ -54,8 +55,10 @@ def import_(argv: list[str]) -> int:
     if name.partition(":")[0] not in KINDS:
         name = f"{kind_of(Path(name))}:{name}"
     is_dry = str(arguments.out) == "-"
-    if not is_dry:
-        prepare_file(arguments.out)
+    for option, written in (("--out", None if is_dry else arguments.out), ("--picture", arguments.picture)):
+        if written is not None:
+            _check_apart(option, written, name, arguments)
+            prepare_file(written)
     bringing = Bringing(
         arguments.start, arguments.goal, arguments.tolerance, arguments.time_limit, arguments.unknown,
         arguments.obstacles, arguments.radius, arguments.trust,
@@ -73,7 +76,6 @@ def import_(argv: list[str]) -> int:
         from worlds.importers.picture import draw
 
         kind, _, path = name.partition(":")
-        prepare_file(arguments.picture)
         draw(world, arguments.picture, read_map(path) if kind == "map" else None)
     x0, y0, x1, y1 = world.bounds
     found = {
@@ -95,6 +97,18 @@ def import_(argv: list[str]) -> int:
     if arguments.json:
         show(json.dumps(found, allow_nan=False))
     return 0
+
+
+def _check_apart(option: str, written: Path, name: str, arguments: ImportArguments) -> None:
+    """Refuse to write over what is read, unless it is a scene already."""
+    from worlds.importers.occupancy_map import image_of
+
+    kind, _, read = name.partition(":")
+    sources = [Path((arguments.obstacles or "").partition(":")[2])]
+    sources += [] if kind == "scene" and option == "--out" else [Path(read)]
+    sources += [image_of(read)] if kind == "map" else []
+    if any(source.is_file() and written.exists() and source.samefile(written) for source in sources):
+        raise BadArgument(f"{option} {written}: it is the file that is read; another name would be right")
 
 
 def _tell(text: str) -> None:

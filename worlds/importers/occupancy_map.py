@@ -105,6 +105,16 @@ def _read(path: Path, document: Document) -> CellMap:
     )
 
 
+def image_of(path: str | Path) -> Path:
+    """Path of the image of a map.
+
+    Raises:
+        BadWorld: The file cannot be read, or names no image in its folder.
+    """
+    path = Path(path)
+    return _image_path(path, Fields(str(path), read_yaml(path, BadWorld).value))
+
+
 def load_map(path: str | Path, unknown: str = "solid", task: Task | None = None) -> World:
     """The world of an occupancy map: a wall where a cell is occupied, none where it is free.
 
@@ -188,7 +198,7 @@ def _image_path(path: Path, fields: Fields) -> Path:
 
 
 def _pixels(path: Path, resolution: float) -> tuple[NDArray[Any], int]:
-    """Grey values, or colours with or without alpha, (rows, columns[, channels]), and their greatest value."""
+    """Grey values, or red, green, blue with or without alpha, (rows, columns[, channels]), and their greatest value."""
     content = read_bytes(path, MOST_BYTES, BadWorld)
     wrong = f"{path}: not an image that can be read; PGM or PNG would be right"
     try:
@@ -199,16 +209,18 @@ def _pixels(path: Path, resolution: float) -> tuple[NDArray[Any], int]:
                     f"{path}: {columns} x {rows} pixels of {resolution:g} m; at most {MOST_PIXELS:,} pixels and "
                     f"{MAX_EXTENT:g} m each way would be right"
                 )
-            if image.mode in ("1", "L", "LA", "RGB", "RGBA"):
-                return np.asarray(image.convert("L") if image.mode == "1" else image), 255
-            if image.mode == "P":
-                has_alpha = "transparency" in image.info
+            if image.mode in ("1", "L"):
+                return np.asarray(image.convert("L")), 255
+            if image.mode in ("LA", "P", "RGB", "RGBA"):  # map_server reads grey with alpha as colours, too
+                has_alpha = image.mode.endswith("A") or (image.mode == "P" and "transparency" in image.info)
                 return np.asarray(image.convert("RGBA" if has_alpha else "RGB")), 255
             if image.mode.startswith("I"):
                 return np.asarray(image), 65535
     except Image.DecompressionBombError as error:
         raise BadWorld(f"{path}: too many pixels; at most {MOST_PIXELS:,} would be right") from error
-    except (UnidentifiedImageError, OSError, SyntaxError, ValueError, EOFError) as error:
+    except UnidentifiedImageError as error:  # its own words name a buffer, not the file
+        raise BadWorld(wrong) from error
+    except (OSError, SyntaxError, ValueError, EOFError) as error:
         raise BadWorld(f"{wrong} ({shown(error)})") from error
     raise BadWorld(f"{wrong} (of the kind {image.mode})")
 
@@ -230,13 +242,11 @@ class _Rule(NamedTuple):
 
 def _classified(pixels: NDArray[Any], depth: int, rule: _Rule) -> NDArray[np.uint8]:
     """Cells by the rule of nav2_map_server, in the image's order."""
-    channels = 1 if pixels.ndim == 2 else pixels.shape[2]
-    alpha = pixels[..., -1] if channels in (2, 4) else None
+    alpha = pixels[..., 3] if pixels.ndim == 3 and pixels.shape[2] == 4 else None
     if pixels.ndim == 2:
         total, count = pixels.astype(np.uint32), 1
     else:
-        colours = 1 if channels < 3 else 3
-        total, count = pixels[..., :colours].sum(axis=2, dtype=np.uint32), colours
+        total, count = pixels[..., :3].sum(axis=2, dtype=np.uint32), 3
         if alpha is not None and rule.mode == "trinary":
             total, count = total + alpha, count + 1
     # Few different sums: each is judged once, so that a large map costs no floats of its size.

@@ -7,12 +7,15 @@ from pathlib import Path
 from vuca_nav.errors import BadArgument, BadWorld
 from vuca_nav.types import Pose2
 from worlds.importers.barn import load_barn, load_dynabarn
+from worlds.importers.fields import FARTHEST, SMALLEST
 from worlds.importers.map_lists import load_walkers
 from worlds.importers.scene_file import load_scene
 from worlds.importers.tracks import RADIUS, load_people, load_tracks
 from worlds.world import World
 
 SCENE_SUFFIXES = (".yaml", ".yml")
+MOST_TOLERANCE, MOST_TIME, MOST_RADIUS = 100.0, 1e5, 100.0
+"""Greatest tolerance [m] and time limit [s], as in scene files, and radius of recorded people [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +38,21 @@ class Bringing:
     """Radius of recorded people [m]."""
     trust: bool = False
     """Whether motions of the user's own may be run."""
+
+    def __post_init__(self):
+        ranges = (
+            ("tolerance", self.tolerance, MOST_TOLERANCE, "m"),
+            ("time-limit", self.time_limit, MOST_TIME, "s"),
+            ("radius", self.radius, MOST_RADIUS, "m"),
+        )
+        for name, value, most, unit in ranges:
+            if value is not None and not SMALLEST <= value <= most:
+                raise BadArgument(f"--{name} {value:g}: above 0, up to {most:g} {unit} would be right")
+        for name, numbers in (("start", self.start), ("goal", self.goal)):
+            if numbers is not None and not all(abs(number) <= FARTHEST for number in numbers):
+                raise BadArgument(
+                    f"--{name} {' '.join(f'{n:g}' for n in numbers)}: numbers up to {FARTHEST:g} are right"
+                )
 
 
 AS_IT_IS = Bringing()
@@ -109,7 +127,7 @@ def _names_an_image(path: Path) -> bool:
     if not path.is_file():  # a pipe would be waited for; the reader of scenes says what is wrong
         return False
     try:
-        with open(path, encoding="utf-8", errors="replace") as file:
+        with open(path, encoding="utf-8-sig", errors="replace") as file:
             return any(line.startswith("image") for line in file.read(100_000).splitlines())
     except OSError:
         return False

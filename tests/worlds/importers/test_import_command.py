@@ -55,6 +55,28 @@ def test_a_name_that_no_scene_has_is_written_as_one(room, tmp_path):
     assert load_scene(tmp_path / "scene.yaml").name == "ro_om_"
 
 
+def test_what_is_read_is_not_written_over(room, tmp_path):
+    table = tmp_path / "people.csv"
+    table.write_text(TABLE)
+    people = ["--obstacles", f"tracks:{table}"]
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    for arguments in (
+        ["--out", str(room)],
+        ["--out", "-", "--picture", str(tmp_path / "room.png")],
+        ["--out", str(table), *people],
+    ):
+        with pytest.raises(BadArgument, match="it is the file that is read"):
+            import_([f"map:{room}", *arguments])
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+@pytest.mark.parametrize("option", ["--tolerance", "--time-limit", "--radius"])
+@pytest.mark.parametrize("value", ["nan", "inf", "0", "-1"])
+def test_numbers_that_no_task_has_are_refused(room, option, value):
+    with pytest.raises(BadArgument, match=f"{option} {value}: above 0, up to"):
+        import_([f"map:{room}", "--out", "-", option, value])
+
+
 def test_a_dry_run_writes_nothing(room, tmp_path):
     before = sorted(os.listdir(tmp_path))
     assert import_([f"map:{room}", "--out", "-"]) == 0
@@ -64,6 +86,9 @@ def test_a_dry_run_writes_nothing(room, tmp_path):
 def test_the_name_tells_what_a_file_is(room, tmp_path):
     scene = tmp_path / "scene.yaml"
     scene.write_text("format: vuca-scene-1\n")
+    marked = tmp_path / "marked.yaml"
+    marked.write_text("\ufeff" + room.read_text(), encoding="utf-8")
+    assert kind_of(marked) == "map"
     names = {"a.world": "barn", "a.sdf": "barn", "a.json": "barn", "dynabarn_1.json": "dynabarn", "a.csv": "tracks"}
     assert {name: kind_of(tmp_path / name) for name in names} == names
     assert (kind_of(room), kind_of(scene)) == ("map", "scene")

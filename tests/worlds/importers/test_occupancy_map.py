@@ -129,6 +129,14 @@ def test_colours_are_averaged_and_transparency_as_map_server_does(tmp_path):
         assert unknown[30] == (third == -1)
 
 
+def test_grey_with_transparency_is_read_as_colours_as_map_server_does(tmp_path):
+    grey = np.full((12, 24, 2), 255, np.uint8)
+    grey[:, :12, 0] = 0  # black and opaque: (0 + 0 + 0 + 255) / 4, dark by three quarters
+    world = load_map(write_map(tmp_path, grey, resolution=0.5), "free")
+    assert world.grid is not None
+    assert world.grid.cells(world.grid.walls)[0].tolist() == [True] * 12 + [False] * 12
+
+
 def test_rectangles_cover_a_mask_and_nothing_else():
     rng = np.random.default_rng(0)
     for share in (0.1, 0.5, 0.9):
