@@ -1,5 +1,6 @@
 """Episodes of tasks: the source's metrics in their rows, and rows of tasks that are refused."""
 
+import contextlib
 import hashlib
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
@@ -12,6 +13,7 @@ from eval.store import Row
 from eval.suites import Suite, Task
 from robots.arithmetic import fingerprint
 from vuca_nav.errors import BadWorld
+from worlds.importers.occupancy_map import image_of
 from worlds.importers.sources import KINDS, SCENE_SUFFIXES
 
 BARN_SPEED = 2.0
@@ -52,17 +54,27 @@ def suite_of(source: Path, tasks: Sequence[NamedTask]) -> Suite:
 
 
 def files_of(tasks: Sequence[NamedTask]) -> dict[str, str]:
-    """Hash of each world's file, so that an evaluation does not go on with another."""
+    """Hash of each world's file, a map's with its image, so that an evaluation does not go on with another."""
     named = {name for each in tasks for name in (each.task.world, each.task.obstacles) if name and ":" in name}
     named |= {each.task.world for each in tasks if each.task.world.endswith(SCENE_SUFFIXES)}
-    paths = {path_of(name) for name in named}
-    return {str(path): hashlib.sha256(path.read_bytes()).hexdigest()[:16] for path in sorted(paths)}
+    return {str(path_of(name)): _hash_of(name) for name in sorted(named)}
+
+
+def _hash_of(name: str) -> str:
+    path = path_of(name)
+    content = hashlib.sha256(path.read_bytes())
+    if name.startswith("map:"):
+        with contextlib.suppress(BadWorld):  # whose rows will say so
+            content.update(image_of(path).read_bytes())
+    return content.hexdigest()[:16]
 
 
 def path_of(world: str) -> Path:
     """Path of a world that is brought in."""
     kind, colon, path = world.partition(":")
-    return Path(path.partition("#")[0] if colon and kind in (*KINDS, "keyframes") else world)
+    if kind == "keyframes":
+        return Path(path.rpartition("#")[0])
+    return Path(path if colon and kind in KINDS else world)
 
 
 @dataclass(frozen=True)

@@ -70,7 +70,11 @@ def _of_folder(folder: Path) -> Iterator[NamedTask]:
         if kind is None or (path.suffix.lower() in (".world", ".sdf") and path.with_suffix(".json") in files):
             continue
         world = str(path) if kind == "scene" else f"{kind}:{path}"
-        yield NamedTask(str(path.relative_to(folder).with_suffix("")), Task(world), _optimum(world))
+        try:
+            optimum = _optimum(world)
+        except BadWorld:
+            optimum = None  # a broken world is a row that says so
+        yield NamedTask(str(path.relative_to(folder).with_suffix("")), Task(world), optimum)
 
 
 def _world_kind(path: Path) -> str | None:
@@ -105,17 +109,21 @@ def _of_file(source: Path, content: Any) -> Iterator[NamedTask]:
             name = entry.text("name") if "name" in entry else path_of(world).stem
             start = _pose(entry)
             goal = _point(entry, "goal") if "goal" in entry else None
-            if start is not None and start[2] is None and goal is not None:
+            if start is not None and start[2] is None:
+                if goal is None:
+                    raise entry.error("start", "yaw missing; it is towards the goal only where the task has one")
                 start = (*start[:2], math.atan2(goal[1] - start[1], goal[0] - start[0]))
             given = {
-                "start": None if start is None else (start[0], start[1], start[2] or 0.0),
+                "start": start,
                 "goal": goal,
                 "tolerance": _number((entry, top), "tolerance", 100.0),
                 "time_limit": _number((entry, top), "time_limit", 1e5),
                 "unknown": _word((entry, top), "unknown"),
                 "obstacles": _people(source, (entry, top)),
             }
-            optimum = entry.number("optimal_length", 1e-3) if "optimal_length" in entry else _optimum(world)
+            # What the world's file states is the length of its own way.
+            stated = None if start or goal else _optimum(world)
+            optimum = entry.number("optimal_length", 1e-3) if "optimal_length" in entry else stated
             yield NamedTask(name, Task(world, **given), optimum)
 
 

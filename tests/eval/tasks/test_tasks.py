@@ -120,6 +120,7 @@ def test_a_list_of_maps_with_the_sources_own_tasks(folder, capsys):
         ([{"world": ROOM, "goal": {"x": 1}}], {}, "tasks[0].goal.y: it is missing"),
         ([{"world": ROOM, "goal": [1, 2]}], {}, "tasks[0].goal: [1, 2] is not a mapping"),
         ([{"world": ROOM, "start": {"x": "a", "y": 1}}], {}, "tasks[0].start.x: 'a' is not a number"),
+        ([{"world": ROOM, "start": {"x": 1, "y": 1}}], {}, "tasks[0].start: yaw missing"),
         ([{"world": ROOM, "tolerance": 0}], {}, "tasks[0].tolerance: 0 is out of range"),
         ([{"world": ROOM, "unknown": "wet"}], {}, "tasks[0].unknown: wet is not one of"),
         ([{"world": ROOM, "obstacles": "rain"}], {}, "tasks[0].obstacles: rain: tracks:FILE"),
@@ -142,6 +143,36 @@ def test_a_broken_file_is_refused_in_one_line(folder, tasks, fields, text):
 def test_a_folder_without_worlds_is_refused(tmp_path):
     with pytest.raises(BadWorld, match="no worlds in this folder"):
         read_tasks(tmp_path)
+
+
+def test_a_broken_world_in_a_folder_does_not_end_the_others(folder):
+    (folder / "world_3.json").write_text("{")
+    (folder / "world_4.json").write_text(json.dumps(BARN | {"optimal_path_length_m": -1}))
+    tasks = {each.name: each for each in read_tasks(folder)}
+    assert {"world_1", "world_3", "world_4"} <= set(tasks)
+    job = job_of(tuple(tasks.values()))
+    for name in ("world_3", "world_4"):
+        row = job(EpisodeConfig(tasks[name].task.world, robot="tiago", method="dwa-dh", seed=0))
+        assert row["outcome"] == "refused"
+
+
+def test_the_length_that_a_world_states_is_that_of_its_own_way(folder):
+    goal = {"x": -2.25, "y": 5.0}
+    own, other = read_tasks(
+        written(folder, [{"world": "barn:world_1.json"}, {"world": "barn:world_1.json", "goal": goal}])
+    )
+    assert (own.optimal_length, other.optimal_length) == (4.0, None)
+
+
+def test_files_are_known_by_all_they_hold_whatever_their_names(folder):
+    (folder / "a#1").mkdir()
+    (folder / "a#1" / "world.json").write_text(json.dumps(BARN))
+    tasks = read_tasks(written(folder, [{"world": "barn:a#1/world.json"}, {"world": ROOM}]))
+    before = files_of(tasks)
+    assert len(before) == 2
+    Image.fromarray(np.full((40, 60), 254, np.uint8)).save(folder / "maps" / "room.png")
+    changed = {name for name, value in files_of(tasks).items() if value != before[name]}
+    assert changed == {str(folder / "maps" / "room.yaml")}
 
 
 def test_barns_score_by_hand():
