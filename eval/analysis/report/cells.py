@@ -84,7 +84,8 @@ class Cell(NamedTuple):
 
 def is_plain(task: Row) -> bool:
     """Whether a task is that of its world, unchanged."""
-    changed = (task["movers"], task["sighted"], task["start"], task["goal"])
+    names = ("movers", "sighted", "start", "goal", "tolerance", "time_limit", "obstacles", "unknown")
+    changed = (task.get(name) for name in names)
     return not task["without"] and task["speed"] in (None, 1.0) and all(value is None for value in changed)
 
 
@@ -167,7 +168,13 @@ def place_of(row: Row) -> str:
     names = {"start": "from", "goal": "to"}
     ends = [f"{word} {_point(row[name])}" for name, word in names.items() if row[name] is not None]
     without = [f"without {row['without']}"] * bool(row["without"])
-    return ", ".join([f"{row['world']}{region}{dials_in_words(row)}", *without, *ends])
+    judged = (("tolerance", " m"), ("time_limit", " s"), ("obstacles", ""), ("unknown", ""))
+    changed = [
+        f"{name.replace('_', ' ')} {value:g}{unit}" if isinstance(value, float | int) else f"{name} {value}"
+        for name, unit in judged
+        if (value := row.get(name)) is not None
+    ]
+    return ", ".join([f"{row['world']}{region}{dials_in_words(row)}", *without, *ends, *changed])
 
 
 def families(cells: Iterable[Cell]) -> dict[tuple[str, str, str], list[Cell]]:

@@ -43,14 +43,17 @@ class Failed(NamedTuple):
         """The command that explains it; None for kept rows, which it does not read."""
         if self.evaluation.source.name.endswith(SUFFIX):
             return None
-        filters = ("world", "region", "robot", "method", "without", "movers", "speed", "sighted")
+        filters = ("world", "region", "robot", "method", "without", "movers", "speed", "sighted", "task")
         words = ["vuca", "explain", f"runs/{self.evaluation.name}", str(self.seed), *_flags(self.row, filters)]
         return shlex.join(words)
 
     @property
     def record(self) -> str:
         """The command that runs it again and records it."""
-        scene = ("world", "region", "seed", "without", "movers", "speed", "sighted", "start", "goal", "robot")
+        scene = (
+            "world", "region", "seed", "without", "movers", "speed", "sighted", "start", "goal", "tolerance",
+            "time_limit", "obstacles", "unknown", "robot",
+        )  # fmt: skip
         words = [
             "vuca",
             "run",
@@ -116,5 +119,5 @@ def _flags(row: Row, names: Sequence[str]) -> list[str]:
         if value is None or value == "" or (name, value) == ("speed", 1.0):
             continue
         values = value if isinstance(value, list) else [value]
-        words += [f"--{name}", *map(str, values)]
+        words += [f"--{name.replace('_', '-')}", *map(str, values)]
     return words

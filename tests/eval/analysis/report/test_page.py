@@ -10,6 +10,8 @@ from html.parser import HTMLParser
 import pytest
 from PIL import Image
 
+from eval.analysis.report.cells import cells_of, read_evaluation
+from eval.analysis.report.failed import failed_episodes
 from eval.analysis.report.pages import write_reports
 from eval.commands import report
 from eval.kept import keep_rows
@@ -43,7 +45,7 @@ def folder(tmp_path):
     rows = []
     for robot in ("tiago", "go2"):
         for method in ("ours-dh", "paper-dh"):
-            for task in ({}, {"without": "V"}, {"movers": 8}, {"movers": 40}, {"start": (1.25, 2.0, 0.0)}):
+            for task in ({}, {"tolerance": 0.5}, {"without": "V"}, {"movers": 8}, {"start": (1.25, 2.0, 0.0)}):
                 outcomes = ["success", "collision", "timeout"]
                 rows += episodes({"world": "square", "robot": robot, "method": method, **task}, outcomes)
     for row in rows:
@@ -55,7 +57,7 @@ def folder(tmp_path):
     made = write_evaluation(tmp_path / "made", rows)
     (made / "explained").mkdir()
     Image.new("RGB", (40, 30), (200, 30, 30)).save(made / "explained" / "factory-4-tiago-drl-2013.png")
-    # A name that several episodes share, with 8 movers and with 40, tells no one's picture.
+    # A name that several episodes share, of one tolerance and of another, tells no one's picture.
     Image.new("RGB", (40, 30)).save(made / "explained" / "square-tiago-ours-dh-2001.png")
     return made
 
@@ -108,6 +110,19 @@ def test_the_commands_are_commands(page, folder):
     for command in "\n".join(commands).splitlines():
         name, *words = shlex.split(command)[1:]
         parse({"explain": ExplainArguments, "run": RunArguments}[name], name, words)
+
+
+def test_a_task_is_run_again_as_it_was_and_is_not_its_worlds_own(tmp_path):
+    task = {"world": "square", "tolerance": 0.5, "time_limit": 20.0, "obstacles": "tracks:people.csv"}
+    rows = episodes({**task, "robot": "tiago", "method": "ours-dh"}, ["timeout"])
+    made = write_evaluation(tmp_path / "tasks", [row | {"task": "over the square"} for row in rows])
+    (cell,) = cells_of([read_evaluation(made)])
+    assert not cell.is_plain
+    assert cell.place == "square, tolerance 0.5 m, time limit 20 s, obstacles tracks:people.csv"
+    (failed,) = failed_episodes([cell])
+    assert "--tolerance 0.5 --time-limit 20.0 --obstacles tracks:people.csv" in failed.record
+    assert failed.explain is not None
+    assert failed.explain.endswith("--task 'over the square'")
 
 
 def test_kept_rows_are_recorded_but_not_explained(folder, tmp_path):
