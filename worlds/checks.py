@@ -241,7 +241,7 @@ def _check_parts(mover: Mover, name: str, source: str) -> None:
             f"{name}.motion.period",
             f"{motion.period:g} s is shorter than the keyframes, which take {span:g} s; that or more would be right",
         )
-    at_once = motion.period is not None and motion.period <= span and not motion.jumps
+    at_once = motion.period is not None and motion.period <= span and not (motion.jumps or motion.vanishes)
     if at_once and math.dist(motion.points[0], motion.points[-1]) > _ROUNDING:
         raise BadField(
             source,

@@ -135,8 +135,8 @@ class Keyframes:
     period: float | None = None
     """Time after which it begins again, counted from the first time [s]; None: it goes through once."""
     jumps: bool = False
-    """Whether it jumps back to the first place when the period is over; otherwise it goes there straight on from the
-    last place, in the time that the period leaves."""
+    """Whether it jumps back to the first place when the period is over; otherwise, unless it vanishes, it goes there
+    straight on from the last place, in the time that the period leaves."""
     vanishes: bool = False
     """Whether it is there only from the first time to the last."""
     phase: float | None = 0.0
@@ -154,8 +154,8 @@ class Keyframes:
 
     @property
     def course(self) -> tuple[tuple[float, ...], tuple[tuple[float, float], ...]]:
-        """Times and places, the way back to the first place included."""
-        if self.period is None or self.jumps or self.times[0] + self.period <= self.times[-1]:
+        """Times and places, the way back to the first place included, unless it jumps or is gone meanwhile."""
+        if self.period is None or self.jumps or self.vanishes or self.times[0] + self.period <= self.times[-1]:
             return self.times, self.points
         return (*self.times, self.times[0] + self.period), (*self.points, self.points[0])
 

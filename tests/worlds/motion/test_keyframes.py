@@ -90,6 +90,14 @@ def test_one_that_vanishes_is_there_from_its_first_time_to_its_last():
         field.step(1 / 60)
 
 
+@pytest.mark.parametrize("jumps", [False, True])
+def test_one_that_vanishes_is_gone_for_the_rest_of_its_period(jumps):
+    motion = Keyframes((0.0, 2.0), ((0.0, 0.0), (2.0, 0.0)), period=5.0, jumps=jumps, vanishes=True)
+    assert [place_of(motion, time)[1] for time in (1.0, 2.5, 4.5, 5.5)] == [True, False, False, True]
+    assert place_of(motion, 5.5)[0] == Pose2(0.5, 0.0, 0.0)
+    assert motion.speed == 1.0
+
+
 def test_it_appears_facing_where_it_goes():
     motion = Keyframes((0.5, 2.5), ((5.0, 5.0), (3.0, 5.0)), vanishes=True)
     field = MoverField(world_of(replace(mover_of(motion), start=Pose2(5.0, 5.0, 0.0))))
