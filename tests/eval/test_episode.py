@@ -80,7 +80,7 @@ def simulation(monkeypatch):
         pass
 
     monkeypatch.setattr(eval.episode, "Simulation", Point)
-    monkeypatch.setattr(eval.episode, "make_body", lambda name: BODY)
+    monkeypatch.setattr(eval.episode, "make_body", lambda name, trust: BODY)
     monkeypatch.setattr(eval.episode, "make_world", lambda name, seed, **kwargs: WORLD)
     monkeypatch.setattr(eval.episode, "build", lambda *_: StraightOn())
     return Point

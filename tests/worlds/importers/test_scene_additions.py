@@ -134,7 +134,7 @@ def change_motion(**fields):
         (change_motion(keyframes=[[0, 0]]), "movers[0].motion.keyframes[0]", "at least 3"),
         (change_motion(keyframes=[[0, 0, "a"]]), "movers[0].motion.keyframes[0][2]", "not a number"),
         (change_motion(period=5.0), "movers[0].motion.period", "shorter than the keyframes"),
-        (change_motion(period=9.0, jumps=False), "movers[0].motion.period", "no time is left"),
+        (change_motion(period=9.0, jumps=False, vanishes=False), "movers[0].motion.period", "no time is left"),
         (change_motion(speed=1.0), "movers[0].motion", "unknown field speed"),
         (lambda scene: scene["movers"][0].update(sighted=True), "movers[0].sighted", "give way to nobody"),
         (lambda scene: scene["movers"][0].update(radius=0.4), "movers[0].radius", "does not hold the parts"),
