@@ -86,7 +86,6 @@ def eval_(argv: list[str]) -> int:
     from eval.evaluate import evaluate
     from eval.methods import identity_of, resolve
     from eval.recordings import record_failures
-    from eval.runner import run_one
     from eval.suites import choose, episodes_of, find_suite, parse_seeds, turn_dials
     from eval.tasks.job import files_of, job_of, note, suite_of
     from eval.tasks.reading import read_tasks
@@ -120,9 +119,9 @@ def eval_(argv: list[str]) -> int:
 
         from eval.ray_runner import run_on_ray as runner
     command = shlex.join(["vuca", "eval", *argv])
-    job = run_one if tasks is None else job_of(tasks)
+    other = {} if tasks is None else {"job": job_of(tasks)}
     evaluation = evaluate(
-        identity, configs, arguments.out, workers=arguments.workers, command=command, job=job, run=runner
+        identity, configs, arguments.out, workers=arguments.workers, command=command, run=runner, **other
     )
     show(table(evaluation.groups if tasks is None else by_driver(evaluation.rows, str(title)), evaluation.total))
     print(f"rows and summary: {arguments.out}", file=sys.stderr)
