@@ -2,11 +2,15 @@
 
 import contextlib
 import resource
+import signal
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
 
 import pytest
+
+# What a test starts gets its signals as from a terminal, also where the tests run under nohup.
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 ROOM = """\
 format: vuca-scene-1
