@@ -6,6 +6,7 @@ import json
 import shlex
 import sys
 from dataclasses import asdict, fields
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from eval.arguments import (
@@ -119,10 +120,8 @@ def eval_(argv: list[str]) -> int:
 
         from eval.ray_runner import run_on_ray as runner
     command = shlex.join(["vuca", "eval", *argv])
-    other = {} if tasks is None else {"job": job_of(tasks)}
-    evaluation = evaluate(
-        identity, configs, arguments.out, workers=arguments.workers, command=command, run=runner, **other
-    )
+    run_all = evaluate if tasks is None else partial(evaluate, job=job_of(tasks))
+    evaluation = run_all(identity, configs, arguments.out, workers=arguments.workers, command=command, run=runner)
     show(table(evaluation.groups if tasks is None else by_driver(evaluation.rows, str(title)), evaluation.total))
     print(f"rows and summary: {arguments.out}", file=sys.stderr)
     crashes = list(evaluation.crashes)

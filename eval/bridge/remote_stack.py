@@ -260,6 +260,7 @@ class RemoteStack(Stack):
 
     def _estimate(self, odometry: Odometry) -> Pose2:
         found = self.wire.map_from_odom
-        is_old = found is None or found[0] < self._clock_began  # of the mission before, and taken only now
-        map_from_odom = self._start if is_old else found[1]
+        map_from_odom = self._start
+        if found is not None and found[0] >= self._clock_began:  # else of the mission before, and taken only now
+            map_from_odom = found[1]
         return compose(map_from_odom, odometry.odom_from_base)
