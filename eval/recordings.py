@@ -4,6 +4,7 @@ A mission repeats to the bit, so that the failed ones are run again with a recor
 its own time, and what arrived costs none. A recording that is there is not made again.
 """
 
+import hashlib
 import re
 import sys
 from collections.abc import Sequence
@@ -83,8 +84,13 @@ def record_episode(out: Path, config: EpisodeConfig) -> Row:
 
 
 def file_name(row: Row) -> str:
-    """Name of the recording of an episode, as ``factory-4-go2-ours-2000.rrd``."""
+    """Name of the recording of an episode, as ``factory-4-go2-ours-2000.rrd``.
+
+    A world of a file adds some digits of the episode's hash: two folders may hold files of one name.
+    """
     place = Path(row["world"]).stem + ("" if row["region"] is None else f" {row['region']}") + dials_in_words(row)
+    if row["world"] != Path(row["world"]).stem:
+        place += f" {hashlib.sha256(key_of(row).encode()).hexdigest()[:6]}"
     for end in (row.get("start"), row.get("goal")):
         place += "" if end is None else f" {end[0]:+g} {end[1]:+g}"
     without = f" without {row['without']}" if row["without"] else ""

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import partial
+from itertools import product
 
 from eval.episode import EpisodeConfig, run_episode
 from eval.metrics import TIMING_FIELDS
@@ -64,3 +65,10 @@ def test_a_recording_is_of_the_same_mission(tmp_path):
 def test_tasks_of_one_world_have_recordings_of_their_own():
     goals = ((2.0, 5.0), (-2.0, 5.0), (2.0, -5.0), None)
     assert len({file_name(EpisodeConfig(world="map:a/room.yaml", goal=goal).row()) for goal in goals}) == len(goals)
+
+
+def test_worlds_of_one_name_in_two_folders_have_recordings_of_their_own():
+    folders = ("map:a/room.yaml", "map:b/room.yaml", "barn:a/room.world", "a/room.yaml")
+    worlds = product(folders, (None, "tracks:c.csv"))
+    rows = [EpisodeConfig(world=world, obstacles=crowd).row() for world, crowd in worlds]
+    assert len({file_name(row) for row in rows}) == len(rows)
