@@ -204,7 +204,10 @@ def answer(claim: Claim, evidence: Evidence, robot: str) -> list[Finding]:
 
 
 def claims_table(evidence: Evidence, claims: Sequence[Claim] = CLAIMS) -> Table:
-    """The claims with their answers: for each robot that has rows."""
+    """The claims with their answers, for each robot that has rows; none if there are no rows of the claims' tasks."""
+    places = {place for claim in claims if claim.suite in SUITES for place in places_of(claim.suite)}
+    if not evidence.measurements and places.isdisjoint(cell.place for cell in evidence.cells):
+        claims = ()
     robots = sorted({cell.robot for cell in evidence.cells} | {row["robot"] for row in evidence.rows("heatmap")})
     found = [
         (claim, robot, answer(claim, evidence, robot))

@@ -80,3 +80,8 @@ def test_every_claim_is_of_methods_and_worlds_that_there_are():
             if isinstance(comparison, Comparison):
                 assert set(comparison.methods) <= METHODS.keys()
     assert {claim.system for claim in CLAIMS} == {"paper", "ours", "both systems"}
+
+
+def test_rows_of_other_tasks_make_no_table_of_open_answers(tmp_path):
+    still = {"world": "factory", "region": 1, "without": "U"}
+    assert answers(tmp_path, runs("ours", ["success"] * 20, places=[still])) == {}
