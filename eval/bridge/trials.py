@@ -8,6 +8,10 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from eval.analysis.compare import read_rows
 from eval.bridge.processes import Deployment, own_domain
 from eval.bridge.remote_stack import Pace, RemoteStack
 from eval.bridge.robot_wire import RobotWire
@@ -16,7 +20,7 @@ from eval.episode import CONFIG_FIELDS, EpisodeConfig
 from eval.evaluate import evaluate
 from eval.methods import MethodOptions, identity_of, resolve, title_of
 from eval.metrics import TIMING_FIELDS
-from eval.store import Row
+from eval.store import Row, StoredConfig, read_config
 from eval.suites import Task, parse_seeds
 from robots.registry import make_body
 from vuca_nav.deploy.transport.dds import DdsTransport
@@ -31,6 +35,8 @@ MONITORED = MethodOptions(monitor=True)
 _NOT_COMPARED = {*TIMING_FIELDS, *CONFIG_FIELDS, "bits", "monitor_ticks"}
 _STEPS = 1000
 """Steps that a bundle records for vuca check."""
+WIRE, ALONE = "wire", "alone"
+"""Directories of a cell's rows over the wire and in one process."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,6 +104,58 @@ def bundle_of(robot: str, method: str, folder: Path) -> Path:
     return bundle
 
 
+class Driven(NamedTuple):
+    """The missions of a cell that were driven both ways."""
+
+    name: str
+    """Robot and task."""
+    directory: Path
+    wire: list[Row]
+    """Rows over the wire, by seed."""
+    alone: list[Row]
+    """Rows of the same missions in one process, in the same order."""
+    stored: tuple[StoredConfig, StoredConfig]
+    """Configurations of both."""
+
+    @property
+    def missions(self) -> str:
+        """How many missions there are, of how many that were asked for."""
+        asked = self.stored[0].config.get("episodes")
+        return str(asked) if asked == len(self.wire) else f"{len(self.wire)} of {asked}"
+
+    def arrived(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Which missions arrived over the wire, and which in one process."""
+        over, alone = (np.array([row["outcome"] == "success" for row in rows]) for rows in (self.wire, self.alone))
+        return over, alone
+
+
+def driven_in(directory: Path) -> Driven | None:
+    """What the directory of a cell holds; None while no mission has been driven both ways.
+
+    Raises:
+        BadArgument: It holds something else.
+    """
+    ways = directory / WIRE, directory / ALONE
+    files = [way / "episodes.jsonl" for way in ways]
+    if not all(file.is_file() and file.stat().st_size for file in files):
+        return None
+    wire, alone = ({row["seed"]: row for row in read_rows(way)} for way in ways)
+    seeds = sorted(wire.keys() & alone.keys())
+    if not seeds:
+        return None
+    rows = [wire[seed] for seed in seeds], [alone[seed] for seed in seeds]
+    return Driven(directory.name, directory, *rows, (read_config(ways[0]), read_config(ways[1])))
+
+
+def typed(words: Sequence[str]) -> str:
+    """A command of this package as it is typed, from its ``sys.argv``."""
+    module = Path(words[0])
+    if module.suffix != ".py":
+        return shlex.join(words)
+    parts = module.parent.parts[-1:] if module.stem == "__main__" else (module.stem,)
+    return shlex.join(["python", "-m", ".".join(("eval.bridge", *parts)), *words[1:]])
+
+
 class Deployed:
     """The deployed stack of a cell in a process of its own, found by the robot's topics in this one.
 
@@ -138,8 +196,8 @@ def drive_over_the_wire(
         settings: What the rows depend on beside the missions.
         drive: Runs one mission.
     """
-    out = arguments.out / cell.name / "wire"
-    return list(drive_all(cell.configs, deployed, out, shlex.join(sys.argv), settings, drive).rows)
+    out = arguments.out / cell.name / WIRE
+    return list(drive_all(cell.configs, deployed, out, typed(sys.argv), settings, drive).rows)
 
 
 def drive_alone(cell: Cell, arguments: TrialArguments) -> list[Row]:
@@ -155,9 +213,7 @@ def drive_alone(cell: Cell, arguments: TrialArguments) -> list[Row]:
         "episodes": len(configs),
         "tasks": [asdict(TASKS[cell.task])],
     }
-    evaluation = evaluate(
-        identity, configs, arguments.out / cell.name / "alone", workers=1, command=shlex.join(sys.argv)
-    )
+    evaluation = evaluate(identity, configs, arguments.out / cell.name / ALONE, workers=1, command=typed(sys.argv))
     if evaluation.crashes:
         raise BadArgument(f"{evaluation.crashes[0].config} crashed: {evaluation.crashes[0].error}")
     return list(evaluation.rows)

@@ -1,6 +1,5 @@
 """``python -m eval.bridge.faults``: faults on the wire, each some times, or for an hour at random."""
 
-import json
 import sys
 import time
 from collections import Counter
@@ -8,19 +7,20 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 
 from eval.analysis.report.tables import markdown
-from eval.bridge.faults.campaign import FaultyStack, Means, MissionOver, Trial
+from eval.bridge.faults.campaign import FaultyStack, Means, MissionOver
+from eval.bridge.faults.kept import BUNDLES, Keeper
 from eval.bridge.faults.raw import RawPublisher
-from eval.bridge.faults.table import memory_of, table_of
+from eval.bridge.faults.table import memory_in_words, table_of
 from eval.bridge.processes import SIMULATED_CLOCK, Deployment, StackEnded, own_domain
 from eval.bridge.remote_stack import RealTime
 from eval.bridge.robot_wire import RobotWire
 from eval.bridge.session import BridgedEpisode, wait_for_stack
-from eval.bridge.trials import bundle_of
+from eval.bridge.trials import bundle_of, typed
 from eval.episode import EpisodeConfig
 from robots.registry import make_body
 from vuca_nav.cli import optional, run_module, show
@@ -117,37 +117,10 @@ class Plan:
         return f"{fault}; {done}/{self._total} trials, {elapsed / max(done, 1) * left / 60.0:.0f} min left"
 
 
-class Keeper:
-    """Keeps trials, crashes and samples of memory in a directory, a line each.
-
-    Args:
-        directory: The directory.
-    """
-
-    def __init__(self, directory: Path):
-        directory.mkdir(parents=True, exist_ok=True)
-        self._path = directory / "trials.jsonl"
-        lines = [json.loads(line) for line in self._path.read_text().splitlines()] if self._path.exists() else []
-        self.trials = [Trial(**line["trial"]) for line in lines if "trial" in line]
-        self.crashes = [line["crash"] for line in lines if "crash" in line]
-        self.memory: list[tuple[float, int]] = []
-
-    def add(self, **line: Any) -> None:
-        """Add a line: a trial, a crash, or a sample of memory."""
-        if "trial" in line:
-            self.trials.append(Trial(**line["trial"]))
-        if "crash" in line:
-            self.crashes.append(line["crash"])
-        if "memory" in line:
-            self.memory.append(line["memory"])
-        with self._path.open("a") as file:
-            file.write(f"{json.dumps(line)}\n")
-
-
 @contextmanager
 def faulty(arguments: FaultArguments, plan: Plan) -> Iterator[tuple[FaultyStack, Deployment]]:
     """The deployed stack in a process of its own, and what faults happen to it."""
-    bundle = bundle_of(arguments.robot, arguments.method, arguments.out / "bundles")
+    bundle = bundle_of(arguments.robot, arguments.method, arguments.out / BUNDLES)
     domain, log = own_domain(), arguments.out / "deploy.log"
     network, body = NetworkConfig(domain), make_body(arguments.robot)
     with Deployment(bundle, SIMULATED_CLOCK, domain, log) as process, DdsTransport(network) as transport:
@@ -166,8 +139,12 @@ def run(arguments: FaultArguments) -> None:
     if arguments.number < 1 or (arguments.soak is not None and not 0.0 < arguments.soak < float("inf")):
         raise BadArgument("--number must be 1 or more, --soak a time above 0 s")
     keeper = Keeper(arguments.out)
-    plan = Plan(arguments, Counter(trial.fault for trial in keeper.trials))
-    seed = arguments.seed + len(keeper.trials)
+    campaign = keeper.campaign
+    plan = Plan(arguments, Counter(trial.fault for trial in campaign.trials))
+    seed = arguments.seed + len(campaign.trials)
+    if not plan.is_done:
+        names = ("robot", "method", "world", "region", "without", "soak")
+        keeper.note_run(typed(sys.argv), {name: getattr(arguments, name) for name in names})
     while not plan.is_done:
         with faulty(arguments, plan) as (stack, process):
             try:
@@ -175,11 +152,11 @@ def run(arguments: FaultArguments) -> None:
                     _drive(arguments, seed, stack, process, keeper, plan)
                     seed += 1
             except StackEnded as error:
-                keeper.add(crash=stack.fault or "none")
+                keeper.add_crash(stack.fault or "none")
                 print(f"{error}", file=sys.stderr)
-    text = "\n".join(markdown(table_of(keeper.trials, keeper.crashes)))
+    text = "\n".join(markdown(table_of(campaign.trials, campaign.crashes)))
     if arguments.soak is not None:
-        text += f"\n\n{_told(keeper.memory)}"
+        text += f"\n\n{memory_in_words(campaign.memory)}"
     write_whole(arguments.out / "faults.md", f"{text}\n")
     show(text)
 
@@ -197,11 +174,11 @@ def _drive(
         nonlocal began
         while stack.trials:
             trial = stack.trials.pop(0)
-            keeper.add(trial=trial._asdict())
+            keeper.add_trial(trial)
             print(plan.note(trial.fault), file=sys.stderr)
         if arguments.soak is not None and time.monotonic() - began > _SAMPLE:
             began = time.monotonic()
-            keeper.add(memory=(began, process.memory()))
+            keeper.add_memory(began, process.memory())
 
     try:
         BridgedEpisode(config, stack).run(stack.truth, watch)
@@ -210,16 +187,6 @@ def _drive(
     finally:
         stack.abandon()
         watch(0.0, 0.0)
-
-
-def _told(samples: list[tuple[float, int]]) -> str:
-    """The verdict on the memory."""
-    memory = memory_of(samples)
-    if memory is None:
-        return "Memory of vuca deploy: too few samples to tell."
-    verdict = "flat" if memory.is_flat else "not flat"
-    figures = f"{memory.early / 2**20:.1f} MB in the second quarter, {memory.late / 2**20:.1f} MB in the last"
-    return f"Memory of vuca deploy over {samples[-1][0] - samples[0][0]:.0f} s: {verdict} ({figures})."
 
 
 if __name__ == "__main__":

@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from eval.bridge.faults.__main__ import FaultArguments, Keeper
+from eval.bridge.faults.__main__ import FaultArguments
 from eval.bridge.faults.__main__ import run as make_faults
+from eval.bridge.faults.kept import read_campaign
 from eval.bridge.processes import SIMULATED_CLOCK, Deployment, StackEnded, own_domain
 from eval.bridge.remote_stack import Lockstep, RealTime, RemoteStack
 from eval.bridge.robot_wire import RobotWire, WireConfig
@@ -84,10 +85,10 @@ def test_faults_are_made_and_survived_and_the_table_is_written(tmp_path, capsys)
         out=tmp_path, robot="tiago", region=1, method="dwa-dh", faults=names, number=1, timeout=PATIENCE
     )
     make_faults(arguments)
-    trials = {trial.fault: trial for trial in Keeper(tmp_path).trials}
+    trials = {trial.fault: trial for trial in read_campaign(tmp_path).trials}
     assert set(trials) == set(names.split(","))
-    assert Keeper(tmp_path).crashes == []
+    assert read_campaign(tmp_path).crashes == []
     assert all(trial.zero is not None for name, trial in trials.items() if name != "lidar_beside")
     assert (tmp_path / "faults.md").read_text().strip() == capsys.readouterr().out.strip()
     make_faults(arguments)  # nothing is left to do
-    assert len(Keeper(tmp_path).trials) == len(trials)
+    assert len(read_campaign(tmp_path).trials) == len(trials)

@@ -19,7 +19,7 @@ def cells(trials, crashes=()) -> dict[Any, dict[str, Any]]:
 def test_a_line_a_fault_with_its_worst_times():
     trials = [trial(), trial(zero=0.19, rest=0.9), trial(zero=0.21), trial(held=False), trial(resumed=None)]
     line = cells(trials)["lidar_silent"]
-    assert (line["trials"], line["in time"], line["in time "], line["went on"]) == (5, 3, 4, 4)
+    assert (line["trials"], line["zero in time"], line["rest in time"], line["went on"]) == (5, (3, 5), (4, 5), 4)
     assert (line["zero, median [s]"], line["zero, most [s]"]) == (0.15, 0.21)
     assert line["rest, most [s]"] == 0.9
     assert round(line["beyond its bound, most [s]"], 9) == 0.1
@@ -27,7 +27,7 @@ def test_a_line_a_fault_with_its_worst_times():
 
 def test_what_never_stopped_is_not_in_time():
     line = cells([trial(zero=None, rest=None)])["lidar_silent"]
-    assert (line["in time"], line["in time "], line["zero, most [s]"]) == (0, 0, None)
+    assert (line["zero in time"], line["rest in time"], line["zero, most [s]"]) == ((0, 1), (0, 1), None)
 
 
 def test_crashes_are_told_even_without_a_trial():
@@ -36,7 +36,7 @@ def test_crashes_are_told_even_without_a_trial():
 
 def test_faults_that_need_no_stop_show_no_times():
     line = cells([trial(fault="lidar_beside", zero=None, rest=None)])["lidar_beside"]
-    assert (line["zero, median [s]"], line["in time"], line["in time "]) == (None, 1, 1)
+    assert (line["zero, median [s]"], line["zero in time"], line["rest in time"]) == (None, (1, 1), (1, 1))
 
 
 def test_memory_is_flat_unless_it_grows():
