@@ -21,13 +21,15 @@ from vuca_nav.deploy.safety.sweep import (
     ROUNDING,
     Beams,
     Course,
+    Keep,
+    approaches,
     distance_to,
     empty_poses,
     farthest,
     gather,
-    intrusion,
+    greatest_share,
+    intrudes,
     outline_of,
-    roll_out,
     smooth,
 )
 from vuca_nav.types import STOP, BodySpec, FloatArray, LidarSpec, Pose2, Twist2, VelocityCommand
@@ -89,6 +91,7 @@ class CollisionMonitor:
         directions = np.column_stack([np.cos(angles), np.sin(angles)])
         self._beams = Beams(np.full(lidar.num_beams, np.inf), origin, directions)
         self._poses = empty_poses()
+        self._keep = Keep(config.margin, _TURN, _FLOOR)
         self._points = np.empty((lidar.num_beams, 3))
         self._unseen = np.zeros(lidar.num_beams, np.bool_)
         self._set_blind(self._unseen)
@@ -151,20 +154,9 @@ class CollisionMonitor:
                 return Decision(wanted, "passed", "")
             return Decision(STOP, "stopped", f"too late to keep {self._config.margin:g} m from {place}")
 
-        def share_of(safe: float, *, turn_only: bool = False) -> float:
-            """The greatest safe share of the command, or of its turn."""
-            least, most = safe, 1.0
-            for _ in range(_HALVINGS):
-                share = 0.5 * (least + most)
-                tried = _share(wanted, safe if turn_only else share, share)
-                if self._approach(points, course, tried)[0] > ROUNDING:
-                    most = share
-                else:
-                    least = share
-            return least
-
-        share = share_of(0.0)
-        turn = share_of(share, turn_only=True) if wanted.w_z != 0.0 and wanted[:2] != (0.0, 0.0) else share
+        share = self._share_of(wanted, points, course)
+        turns = wanted.w_z != 0.0 and wanted[:2] != (0.0, 0.0)
+        turn = self._share_of(wanted, points, course, share) if turns else share
         if max(share, turn) < _LEAST_SHARE:
             return Decision(STOP, "stopped", f"it would come too near to {place}")
         return Decision(_share(wanted, share, turn), "approach", f"slowed before {place}")
@@ -175,23 +167,24 @@ class CollisionMonitor:
             return False
         return self._intrusion(points, course, wanted, 0.0)[0] <= ROUNDING
 
+    def _share_of(self, wanted: VelocityCommand, points: FloatArray, course: Course, safe: float = -1.0) -> float:
+        """The greatest safe share of a command, or of its turn beside a safe share of its speed."""
+        command = np.array(wanted, np.float64)
+        return greatest_share(points, course, command, self._outline, self._keep, safe, _HALVINGS, self._poses)
+
     def _approach(
         self, points: FloatArray, course: Course, command: VelocityCommand, enough: float = ROUNDING
     ) -> tuple[float, int]:
         """How much nearer than the margin, or than it is already, the body comes under a command; to which point."""
-        keep, clearance = self._config.margin, points[:, 2].min(initial=np.inf)
-        if clearance < keep:
-            turns = command.v_x == command.v_y == 0.0
-            keep = min(keep, max(clearance - _TURN if turns else clearance, _FLOOR))
-        return self._intrusion(points, course, command, keep, enough)
+        wanted = np.array(command, np.float64)
+        return approaches(points, course, wanted, self._outline, self._keep, enough, self._poses)
 
     def _intrusion(
         self, points: FloatArray, course: Course, command: VelocityCommand, margin: float, enough: float = ROUNDING
     ) -> tuple[float, int]:
         """How much nearer than a margin the body comes under a command, and to which point."""
-        out = self._poses
-        count = roll_out(course, np.array(command), self._outline.radius, out)
-        return intrusion(points, out.poses[:count], out.travel[:count], self._outline, margin, enough)
+        wanted = np.array(command, np.float64)
+        return intrudes(points, course, wanted, self._outline, margin, enough, self._poses)
 
     def _course(self, wanted: VelocityCommand, motion: Motion) -> Course:
         """The commands that the body is going to obey, the wanted one last."""

@@ -64,6 +64,17 @@ class Poses(NamedTuple):
     """(MOST_POSES,) way that no point of the footprint can have exceeded [m]."""
 
 
+class Keep(NamedTuple):
+    """Distance that is kept from returns."""
+
+    margin: float
+    """Clearance within which nothing is approached any further [m]."""
+    turn: float
+    """Approach that is none while turning on the spot within the margin [m]."""
+    floor: float
+    """Clearance that is kept wherever the body stands within the margin already [m]."""
+
+
 def outline_of(footprint: FloatArray) -> Outline:
     """The edges of a convex footprint (k, 2), counter-clockwise [m]."""
     corners = np.ascontiguousarray(footprint, np.float64)
@@ -277,3 +288,69 @@ def intrusion(points, poses, travel, outline, margin, enough):
                     most, which = keep - distance, k
                 break
     return most, which
+
+
+@njit(cache=True)
+def intrudes(points, course, command, outline, margin, enough, out):
+    """How much nearer than a margin the body comes under a command, as ``intrusion`` has it, and to which point.
+
+    Args:
+        points: (n, 3) x, y and distance at the start, as ``gather`` gives them.
+        course: A ``Course``.
+        command: (3,) the command that is judged.
+        outline: An ``Outline``.
+        margin: Distance to keep [m].
+        enough: The search ends with the first intrusion above this [m].
+        out: ``Poses``, written to.
+    """
+    count = roll_out(course, command, outline.radius, out)
+    return intrusion(points, out.poses[:count], out.travel[:count], outline, margin, enough)
+
+
+@njit(cache=True)
+def approaches(points, course, command, outline, keep, enough, out):
+    """How much nearer than the margin, or than it is already, the body comes under a command; to which point.
+
+    Args:
+        points: (n, 3) x, y and distance at the start, as ``gather`` gives them.
+        course: A ``Course``.
+        command: (3,) the command that is judged.
+        outline: An ``Outline``.
+        keep: A ``Keep``.
+        enough: The search ends with the first approach above this [m].
+        out: ``Poses``, written to.
+    """
+    margin, clearance = keep.margin, np.inf
+    for k in range(len(points)):
+        clearance = min(clearance, points[k, 2])
+    if clearance < margin:
+        turns = command[0] == 0.0 and command[1] == 0.0
+        margin = min(margin, max(clearance - keep.turn if turns else clearance, keep.floor))
+    return intrudes(points, course, command, outline, margin, enough, out)
+
+
+@njit(cache=True)
+def greatest_share(points, course, wanted, outline, keep, safe, halvings, out):
+    """The greatest share of a command, or of its turn beside a safe share of its speed, that approaches nothing.
+
+    Args:
+        points: (n, 3) as ``gather`` gives them, the nearest first: they end a search.
+        course: A ``Course``.
+        wanted: (3,) the command, which is not safe as a whole.
+        outline: An ``Outline``.
+        keep: A ``Keep``.
+        safe: Share of the speed that is safe, for that of the turn; below 0 for that of the whole command.
+        halvings: Bisections.
+        out: ``Poses``, written to.
+    """
+    least, most = max(safe, 0.0), 1.0
+    tried = np.empty(3)
+    for _ in range(halvings):
+        share = 0.5 * (least + most)
+        linear = share if safe < 0.0 else safe
+        tried[0], tried[1], tried[2] = linear * wanted[0], linear * wanted[1], share * wanted[2]
+        if approaches(points, course, tried, outline, keep, ROUNDING, out)[0] > ROUNDING:
+            most = share
+        else:
+            least = share
+    return least
