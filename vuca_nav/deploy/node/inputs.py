@@ -25,6 +25,8 @@ EMERGENCY_STOP, RELEASE = "emergency_stop", "emergency_stop/release"
 IMU_AGE = 0.1
 """Longest time for which an IMU's vertical holds [s]; without one the odometry's orientation shows it."""
 _ODOMETRY = Qos(reliable=False, depth=10)
+_ANY = Qos(reliable=False)
+"""Hears publishers of both kinds; a message that is lost is not sent again."""
 
 
 class Inputs:
@@ -71,8 +73,9 @@ class Inputs:
             ("/tf_static", "tf2_msgs/msg/TFMessage", STATIC_TRANSFORMS, self._take_transforms),
             (topics.initial_pose, "geometry_msgs/msg/PoseWithCovarianceStamped", RELIABLE, self._take_start),
             (topics.goal, "geometry_msgs/msg/PoseStamped", RELIABLE, self._take_goal),
-            (EMERGENCY_STOP, "std_msgs/msg/Bool", RELIABLE, self._take_stop),
-            (RELEASE, "std_msgs/msg/Bool", RELIABLE, self._take_release),
+            (EMERGENCY_STOP, "std_msgs/msg/Bool", RELIABLE, self._take_stop),  # twice: a stop must not be lost on a
+            (EMERGENCY_STOP, "std_msgs/msg/Bool", _ANY, self._take_stop),  # bad network, nor a best-effort publisher's
+            (RELEASE, "std_msgs/msg/Bool", _ANY, self._take_release),  # once: a second one could undo a later stop
         ]
         if use_sim_time:
             listen.insert(0, ("/clock", "rosgraph_msgs/msg/Clock", SENSOR, self._take_clock))

@@ -15,7 +15,7 @@ from vuca_nav.deploy.safety.config import SafetyConfig
 from vuca_nav.deploy.safety.layer import SafetyLayer
 from vuca_nav.deploy.safety.status import Tick
 from vuca_nav.deploy.transport.dds import DdsTransport
-from vuca_nav.deploy.transport.interface import LATCHED
+from vuca_nav.deploy.transport.interface import LATCHED, RELIABLE, SENSOR, Qos
 from vuca_nav.deploy.transport.network import NetworkConfig
 from vuca_nav.deploy.transport.ros_types import new
 from vuca_nav.geometry import distance
@@ -84,16 +84,24 @@ def test_it_stands_without_a_goal_and_maps_and_drives_to_one_after_another(drive
         assert distance(robot.pose, goal) < 0.1
 
 
-def test_an_emergency_stop_latches_until_it_is_released(driven: tuple[Node, RobotSide]) -> None:
+@pytest.mark.parametrize("qos", [RELIABLE, SENSOR], ids=["reliable", "best effort"])
+def test_an_emergency_stop_latches_until_it_is_released(driven: tuple[Node, RobotSide], qos: Qos) -> None:
     made, robot = driven
+    stop, release = (
+        robot.transport.advertise(topic, "std_msgs/msg/Bool", qos)
+        for topic in ("emergency_stop", "emergency_stop/release")
+    )
+    end = time.monotonic() + 10.0
+    while not (stop.subscribers and release.subscribers) and time.monotonic() < end:
+        time.sleep(0.01)
     robot.place()
     robot.send_goal(*GOAL)
     assert not still(robot.drive(made, 45)[40:])
-    robot.stop.publish(new("std_msgs/msg/Bool", data=True))
+    stop.publish(new("std_msgs/msg/Bool", data=True))
     assert still(robot.drive(made, 1))
-    robot.stop.publish(new("std_msgs/msg/Bool", data=False))
+    stop.publish(new("std_msgs/msg/Bool", data=False))
     assert still(robot.drive(made, 40))
-    robot.release.publish(new("std_msgs/msg/Bool", data=True))
+    release.publish(new("std_msgs/msg/Bool", data=True))
     assert not still(robot.drive(made, 40)[35:])
 
 
