@@ -1,5 +1,6 @@
 """When the node ticks: in real time with the scans, or in lockstep with a simulator."""
 
+import math
 import time
 from abc import ABC, abstractmethod
 
@@ -19,7 +20,7 @@ SILENCE = 0.1
 _LOOK = 0.02
 """Longest sleep of the loop: after it signals are seen [s]."""
 _SCAN_WAIT = 0.05
-"""Time for which a slow lidar's scan is waited for after the odometry of its time, in lockstep [s]."""
+"""Time for which a slow lidar's scan that may be due is waited for after the odometry of its time, in lockstep [s]."""
 
 
 class Pace(ABC):
@@ -33,7 +34,8 @@ class Pace(ABC):
 class Lockstep(Pace):
     """A tick for each odometry and the scan of its time; the wall clock does not matter.
 
-    A lidar slower than the ticks has no scan at some of them: there one is waited for in vain, shortly.
+    A lidar slower than the ticks has no scan at some of them. Sooner after a scan than two scans have ever followed
+    each other, and than the lidar's rate allows, none is waited for; where one may be due, it is waited for shortly.
 
     Args:
         transport: The network.
@@ -43,9 +45,12 @@ class Lockstep(Pace):
     """
 
     def __init__(self, transport: Transport, inputs: Inputs, rate: float, lidar: LidarSpec):
-        self._transport, self._inputs = transport, inputs
+        self._transport, self._inputs, self._rate = transport, inputs, rate
         self._is_slow = lidar.rate < 0.99 * rate
         self._last = -1
+        self._scan: int | None = None
+        self._least: int = math.floor(rate / lidar.rate + 1e-9)
+        self._is_known = False
 
     def wait(self) -> bool:
         """Wait for a pair of odometry and scan with one stamp."""
@@ -56,11 +61,27 @@ class Lockstep(Pace):
         scan, odometry = inputs.scan, inputs.odometry
         if scan is None or odometry is None or odometry.stamp == self._last or inputs.clock is None:
             return False  # without a clock it is no simulator
-        waited = time.monotonic() - inputs.odometry_received
-        if scan.stamp != odometry.stamp and not (self._is_slow and waited > _SCAN_WAIT):
+        if self._is_slow:
+            self._learn(scan.stamp)
+        if scan.stamp != odometry.stamp and not (self._is_slow and self._has_none(scan.stamp, odometry.stamp)):
             return False
         self._last = odometry.stamp
         return True
+
+    def _learn(self, scan: int) -> None:
+        """Note how soon the scan of a stamp [ns] follows the one before."""
+        before, self._scan = self._scan, scan
+        if before is not None and scan > before:
+            self._least, self._is_known = min(self._least, self._ticks(scan - before)), True
+
+    def _has_none(self, scan: int, odometry: int) -> bool:
+        """Whether there is no scan of the odometry's time, as far as can be known now, by the stamps of both [ns]."""
+        if self._is_known and 0 < self._ticks(odometry - scan) < self._least:
+            return True
+        return time.monotonic() - self._inputs.odometry_received > _SCAN_WAIT
+
+    def _ticks(self, elapsed: int) -> int:
+        return round(elapsed / NANOSECONDS * self._rate)
 
 
 class RealTime(Pace):
