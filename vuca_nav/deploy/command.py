@@ -13,6 +13,9 @@ import tyro
 from vuca_nav.cli import optional, parse, show
 from vuca_nav.errors import BadArgument
 
+_SWITCH = 0.0005
+"""Longest time for which the log's thread holds up the loop [s]; Python's default is 5 ms."""
+
 
 @dataclass(frozen=True)
 class DeployArguments:
@@ -110,6 +113,8 @@ def deploy(argv: list[str]) -> int:
                 _summarise(node, transport.refusals, arguments.json)
     finally:
         log.close()
+        if log.failure is not None:
+            print(f"warning: {log.failure}", file=sys.stderr)
         close = getattr(telemetry, "close", None)
         if close is not None:
             close()
@@ -164,6 +169,7 @@ def _takes_text(stream: TextIO) -> bool:
 def _open_log(path: Path, bundle: Any) -> Any:
     from vuca_nav.deploy.log import MissionLog
 
+    sys.setswitchinterval(_SWITCH)
     return MissionLog(path, bundle.manifest)
 
 

@@ -4,12 +4,15 @@ import os
 import signal
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.writer import Writer
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
@@ -85,6 +88,70 @@ def test_a_full_disk_is_told_and_does_not_raise(bundle, tmp_path, small_files):
     assert LogFile(tmp_path / "log.mcap").metadata == {}  # not read yet; it can be
 
 
+@pytest.fixture
+def disk(monkeypatch):
+    """A disk that takes nothing while it is cleared, and is set in the end."""
+    ready, add_message = threading.Event(), Writer.add_message
+
+    def wait_and_add(*arguments):
+        ready.wait(60.0)
+        add_message(*arguments)
+
+    ready.set()
+    monkeypatch.setattr(Writer, "add_message", wait_and_add)
+    yield ready
+    ready.set()
+
+
+def test_a_disk_that_stands_still_holds_nobody_up_and_what_it_misses_is_counted(bundle, tmp_path, disk):
+    log, data = MissionLog(tmp_path / "log.mcap", bundle.manifest), scan_bytes() + bytes(1 << 20)
+    log.received("/scan", SCAN, data, 0)
+    disk.clear()
+    began = time.monotonic()
+    for k in range(1, 40):
+        log.received("/scan", SCAN, data, k)
+    assert time.monotonic() - began < 5.0
+    assert log.failure is not None
+    assert "too slow for the log: 2" in log.failure
+    disk.set()
+    assert log.flush(60.0)
+    log.received("/scan", SCAN, data, 40)
+    log.close()
+    numbers = [message.number for message in LogFile(tmp_path / "log.mcap").messages()]
+    assert numbers == [*range(len(numbers) - 1), 40]
+    assert 10 < len(numbers) < 20
+
+
+def test_a_disk_that_stands_still_does_not_keep_the_program_from_ending(bundle, tmp_path, disk, monkeypatch):
+    monkeypatch.setattr("vuca_nav.deploy.log.PATIENCE", 0.2)
+    log = MissionLog(tmp_path / "log.mcap", bundle.manifest)
+    disk.clear()
+    log.received("/scan", SCAN, scan_bytes(), 0)
+    log.close()
+    assert log.failure == "the disk has not taken the end of the log in 0.2 s"
+
+
+def test_requests_to_end_do_not_cut_the_end_of_a_log(bundle, tmp_path, disk):
+    log = MissionLog(tmp_path / "log.mcap", bundle.manifest)
+    disk.clear()
+    for k in range(5):
+        log.received("/scan", SCAN, scan_bytes(), k)
+
+    def ask():
+        time.sleep(0.3)
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.1)
+        disk.set()
+
+    asking = threading.Thread(target=ask)
+    asking.start()
+    log.close()
+    asking.join()
+    read = LogFile(tmp_path / "log.mcap")
+    assert len(list(read.messages())) == 5
+    assert read.damage is None
+
+
 KILLED = """
 import os, signal, sys
 from pathlib import Path
@@ -121,6 +188,8 @@ def test_memory_stays_bounded(bundle, tmp_path):
         before = tracemalloc.get_traced_memory()[0]
         for k in range(messages):
             log.received("/text", "std_msgs/msg/String", data, k)
+            assert k % 1000 or log.flush(60.0)
+        assert log.flush(60.0)
         return tracemalloc.get_traced_memory()[0] - before
 
     tracemalloc.start()

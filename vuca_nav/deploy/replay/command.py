@@ -98,7 +98,7 @@ def _open_loop(arguments: ReplayArguments, bundle: Bundle, log: LogFile, telemet
 
 def _is_of_deploy(path: Path) -> bool:
     """Whether a log is one of ``vuca deploy``: its metadata come before its first message."""
-    from vuca_nav.deploy.log import METADATA
+    from vuca_nav.deploy.log_writer import METADATA
     from vuca_nav.deploy.replay.log_file import LogFile
 
     log = LogFile(path)
@@ -126,7 +126,7 @@ def _told(result: Replayed) -> str:
             f"  first difference at tick {tick} ({log_time * 1e-9:.3f} s): logged {logged}, replayed {replayed}"
         )
     if result.left_out:
-        lines.append(f"  {result.left_out:,} ticks left out: before a mission, or their scan is not in the log")
+        lines.append(f"  {result.left_out:,} ticks left out: before a mission, or after something that the log lacks")
     if result.damage:
         lines.append(f"  the log is not whole: {result.damage}")
     return "\n".join(lines)

@@ -7,7 +7,8 @@ import numpy as np
 
 from vuca_nav.data_files import parse_json, shown
 from vuca_nav.deploy.bundle import Bundle
-from vuca_nav.deploy.log import FORMAT, METADATA, MISSION, MISSION_TYPE, TICK, TICK_TYPE
+from vuca_nav.deploy.log import FORMAT, MISSION, MISSION_TYPE, TICK, TICK_TYPE
+from vuca_nav.deploy.log_writer import METADATA
 from vuca_nav.deploy.replay.log_file import LogFile, LoggedMessage
 from vuca_nav.deploy.transport.ros_types import BadMessage, decode
 from vuca_nav.errors import BadArgument, BadBundle, BadLog
@@ -40,7 +41,7 @@ class Replayed(NamedTuple):
     first: Difference | None
     missions: int
     left_out: int
-    """Ticks that cannot be replayed: before a mission, or whose scan the log lacks."""
+    """Ticks that cannot be replayed: before a mission, or in one after something that the log lacks."""
     damage: str | None
     """Why the log ends early; None if it does not."""
 
@@ -80,6 +81,7 @@ class _Run:
         self._lidar: LidarSpec | None = None
         self._scans: deque[LoggedMessage] = deque(maxlen=KEPT_SCANS)
         self._scan: tuple[int, Any] = -1, None
+        self._lacks, self._next = False, 0
 
     def take(self, message: LoggedMessage) -> None:
         """Take in the next message of the log."""
@@ -88,6 +90,9 @@ class _Run:
         elif (message.topic, message.type_name) == (MISSION, MISSION_TYPE):
             self._begin(_decoded(message))
         elif (message.topic, message.type_name) == (TICK, TICK_TYPE):
+            # After a step that the disk was too slow for, the stack is in another state than it was.
+            self._lacks |= message.number != self._next
+            self._next = message.number + 1
             self._tick(_decoded(message), message.log_time)
 
     def _begin(self, mission: Any) -> None:
@@ -102,6 +107,7 @@ class _Run:
             if self._navigator is None or lidar != self._lidar:
                 self._navigator, self._lidar = self._bundle.navigator(self._telemetry, lidar), lidar
             self._navigator.reset(Pose2(*mission.start.tolist()), goal)
+            self._lacks = False
         except (BadArgument, BadBundle) as error:
             raise BadLog(f"{MISSION}: {error}") from error
         self.missions += 1
@@ -109,7 +115,8 @@ class _Run:
     def _tick(self, tick: Any, log_time: int) -> None:
         """A step of the stack, again."""
         ranges = self._ranges(tick.scan)
-        if self._navigator is None or ranges is None:
+        self._lacks |= ranges is None
+        if self._navigator is None or self._lacks:
             self.left_out += 1
             return
         stamp, x, y, yaw, v_x, v_y, w_z, *up = tick.odometry.tolist()

@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 
 from tests.fuzz import FAST, SLOW
 from tests.vuca_nav.deploy.bundles import write
-from tests.vuca_nav.deploy.missions import write_log
+from tests.vuca_nav.deploy.missions import drive, write_log
 from vuca_nav.deploy.bundle import load_bundle
 from vuca_nav.deploy.log import MissionLog
+from vuca_nav.deploy.log_writer import LogWriter
 from vuca_nav.deploy.replay.command import replay
 from vuca_nav.deploy.replay.exact import replay_log
 from vuca_nav.deploy.replay.log_file import MAGIC, MOST_RECORD, LogFile
@@ -75,6 +76,23 @@ def test_a_log_that_was_cut_off_gives_what_it_holds(bundle, log, tmp_path):
     result = replay_log(bundle, LogFile(tmp_path / "cut.mcap"))
     assert 0 < result.ticks == result.equal < TICKS
     assert result.damage is not None
+
+
+@pytest.mark.parametrize("topic", ["/vuca/tick", "/scan"])
+def test_after_something_that_the_disk_was_too_slow_for_nothing_is_compared(bundle, tmp_path, monkeypatch, topic):
+    add = LogWriter.add
+
+    def lose(writer, entry, *, always=False):
+        if (entry.topic, entry.number) != (topic, 20):
+            add(writer, entry, always=always)
+
+    monkeypatch.setattr(LogWriter, "add", lose)
+    with MissionLog(tmp_path / "log.mcap", bundle.manifest) as log:
+        drive(bundle, log, TICKS)
+        drive(bundle, log, TICKS)
+    result = replay_log(bundle, LogFile(tmp_path / "log.mcap"))
+    missed = TICKS - 21 if topic == "/vuca/tick" else TICKS - 20
+    assert (result.ticks, result.equal, result.left_out) == (20 + TICKS, 20 + TICKS, missed)
 
 
 @pytest.mark.parametrize("content", [b"", b"x", b"#ROSBAG V2.0\n", b"PK\x03\x04" + bytes(1000)])
