@@ -145,17 +145,6 @@ def test_a_service_answers_its_caller_alone(transport: DdsTransport, other: DdsT
     assert clients[1].take() == []
 
 
-def test_type_hashes_are_those_of_ros() -> None:
-    # sensor_msgs and geometry_msgs of Jazzy;
-    assert type_hash("sensor_msgs/msg/LaserScan") == (
-        "RIHS01_64c191398013af96509d518dac71d5164f9382553fce5c1f8cca5be7924bd828"
-    )
-    # of a service with a char field in ServiceEventInfo, which ROS hashes as uint8
-    assert type_hash("service_msgs/msg/ServiceEventInfo") == (
-        "RIHS01_41bcbbe07a75c9b52bc96bfd5c24d7f0fc0a08c0cb7921b3373c5732345a6f45"
-    )
-
-
 @pytest.mark.parametrize(
     ("data", "reason"),
     [
