@@ -101,6 +101,8 @@ class SafetyLayer:
         elif waits > 0.0:
             after = f" after: {self._last_fault}" if self._last_fault else ""
             command, state = STOP, self._stands(Level.WARN, "waiting", f"moves in {waits:.2f} s{after}")
+        elif overdue := self._scan_watch.overdue(tick) or self._odometry_watch.overdue(tick):
+            command, state = STOP, self._stands(Level.WARN, "overdue", overdue)
         elif not tick.has_goal or proposed is None:
             what = "no goal" if not tick.has_goal else "no command"
             command, state = STOP, self._stands(Level.OK, "standing", what)

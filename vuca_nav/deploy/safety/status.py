@@ -51,7 +51,9 @@ class Tick(NamedTuple):
     """Number of publishers of the velocity command, with our own."""
 
 
-Action = Literal["passed", "limited", "slowed", "approach", "stopped", "standing", "waiting", "fault", "emergency"]
+Action = Literal[
+    "passed", "limited", "slowed", "approach", "stopped", "standing", "overdue", "waiting", "fault", "emergency"
+]
 """What became of a proposed command:
 
 - passed: it went through as it was;
@@ -60,6 +62,7 @@ Action = Literal["passed", "limited", "slowed", "approach", "stopped", "standing
 - approach: scaled to the speed from which the body can stop;
 - stopped: any motion as proposed comes too near to something;
 - standing: no goal, or no command was proposed;
+- overdue: scan or odometry should have come; the body stands until it does, or it is a fault;
 - waiting: not healthy for long enough;
 - fault: a watchdog stops the body;
 - emergency: the emergency stop is latched.

@@ -55,6 +55,11 @@ class SourceWatch:
         elif age < -c.ahead:
             yield Reason(f"{name}_time", f"the {name}'s stamp is {-age:.3f} s ahead of the clock")
 
+    def overdue(self, tick: Tick) -> str | None:
+        """That the next message is overdue, after ``check``; None if it is not."""
+        age = tick.now - self._renewed
+        return f"the {self._source} is {age:.3f} s old" if age > self.silence - self._config.overdue else None
+
 
 class ClockWatch:
     """Watches the clock that stamps are of, the steady clock, and the time between two ticks.

@@ -154,6 +154,36 @@ def test_a_fault_makes_the_command_zero_in_time(name, seed):
 
 
 @pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("name", ["lidar_silent", "lidar_repeated", "odometry_silent", "odometry_repeated"])
+def test_the_command_is_zero_before_a_source_that_is_overdue_counts_as_silent(name, seed):
+    dogs = SafetyConfig().watchdogs
+    assert Wire(name, seed).run().zero_after() <= dogs.silence - dogs.overdue + TICK + 1e-9
+
+
+@pytest.mark.parametrize(("missing", "stands"), [(1, 0), (2, 1)])
+def test_who_is_late_for_a_moment_goes_on_without_a_healthy_time(missing, stands):
+    """Ticks are 5 ms later without a message, as the loop waits so long for one; the third in a row comes late."""
+    layer, rng = SafetyLayer(BODY, LIDAR), np.random.default_rng(0)
+    last, actions = Tick(0.0, 0.0), []
+    for k in range(60 + missing + 21):
+        now = k * TICK
+        if 60 <= k < 60 + missing:
+            last = last._replace(now=now + 0.15 * TICK, clock=now + 0.15 * TICK)
+        else:
+            if k == 60 + missing:
+                last = last._replace(now=now + 0.15 * TICK, clock=now + 0.15 * TICK)
+                actions.append(layer.step(last, FORWARD).state.action)
+                now += 0.010
+            scan = Scan(now, 20.0 + rng.standard_normal(LIDAR.num_beams))
+            odometry = Odometry(now, Pose2(1e-4 * rng.standard_normal(), 0.0, 0.0), Twist2(0.0, 0.0, 0.0))
+            last = Tick(now, now, scan, now, odometry, now, has_goal=True)
+        actions.append(layer.step(last, FORWARD).state.action)
+    assert actions[30:60].count("overdue") == 0
+    assert actions[60:].count("overdue") == stands
+    assert set(actions[60:]) <= {"passed", "limited", "overdue"}
+
+
+@pytest.mark.parametrize("seed", range(4))
 def test_after_a_fault_a_healthy_second_passes(seed):
     wire = Wire("lidar_silent", seed).run()
     on_again = next(t for t, command, _ in wire.commands if t > ENDS and command != STOP)
