@@ -72,7 +72,7 @@ lock: ## pin the newest versions that fit pyproject.toml, resolved in a clean en
 	$(PYTHON) -m venv "$$tmp/venv"; \
 	"$$tmp/venv/bin/python" -m pip install --quiet --disable-pip-version-check -e '.[dev,docs,distributed]'; \
 	"$$tmp/venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps dm-control==1.0.50; \
-	{ echo '# Exact versions of everything in vuca-nav[dev,docs,distributed] (which include [sim], [train] and [deploy]); made by `make lock`.'; \
+	{ echo '# Exact versions of everything in vuca-nav[dev,docs,distributed] (which include [sim], [train], [deploy] and [zenoh]); made by `make lock`.'; \
 	  "$$tmp/venv/bin/python" -m pip freeze --exclude-editable | grep -v '^#' | sed 's/+cpu$$//' | grep -v '^nvidia\|^triton\|^cuda' | LC_ALL=C sort -f; } > "$$tmp/lock"; \
 	cp "$$tmp/lock" requirements.lock; echo "requirements.lock: $$(grep -c == requirements.lock) packages"
 

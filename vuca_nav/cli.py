@@ -43,6 +43,7 @@ EXTRA_OF_MODULE = {
     "torchrl": "train",
     "tqdm": "sim",
     "trimesh": "sim",
+    "zenoh": "zenoh",
 }
 """The extra of this project that brings an optional package."""
 

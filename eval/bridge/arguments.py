@@ -43,6 +43,9 @@ class BridgeArguments(SceneArguments):
     """Type of cmd_vel: TwistStamped, or Twist, Nav2's up to Jazzy."""
     action: bool = False
     """Send the goal by the action navigate_to_pose instead of the topic goal_pose."""
+    transport: Literal["dds", "zenoh"] = "dds"
+    """What the network speaks: DDS, as rmw_cyclonedds and rmw_fastrtps do, or Zenoh, as rmw_zenoh does (untried beside
+    it)."""
     domain: Annotated[int | None, optional("N")] = None
     """ROS domain; by default that of ROS_DOMAIN_ID, or 0."""
     interface: Annotated[str | None, optional("NAME")] = None

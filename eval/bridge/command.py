@@ -31,20 +31,19 @@ def bridge(argv: list[str]) -> int:
     from eval.bridge.robot_wire import RobotWire, WireConfig
     from eval.bridge.session import make_pace, wait_for_stack
     from robots.registry import make_body
-    from vuca_nav.deploy.transport.dds import DdsTransport
-    from vuca_nav.deploy.transport.network import network_of
+    from vuca_nav.deploy.transport.joining import network_by
 
     ros = parse_ros_arguments(ros_words, "vuca_bridge")
     configs = _missions(arguments)
     body = make_body(arguments.robot, trust=arguments.trust)
-    network = network_of(arguments.domain, arguments.interface)
+    network = network_by(arguments.transport, arguments.domain, arguments.interface, ros)
     if network.warning:
         print(f"vuca bridge: {network.warning}", file=sys.stderr)
     pace = PaceConfig(arguments.lockstep, arguments.real_time_factor, arguments.timeout)
 
     @contextmanager
     def find_stack() -> Iterator[RemoteStack]:
-        with DdsTransport(network, ros) as transport:
+        with network.join() as transport:
             wire = RobotWire(transport, body, WireConfig(arguments.cmd_vel == "stamped", arguments.action))
             wait_for_stack(wire, arguments.timeout)
             yield RemoteStack(wire, make_pace(pace), arguments.warm_up)

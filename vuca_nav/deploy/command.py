@@ -42,6 +42,9 @@ class DeployArguments:
     """Publish cmd_vel as Twist, Nav2's up to Jazzy, instead of TwistStamped."""
     base: Literal["ros", "unitree"] = "ros"
     """What the base speaks: cmd_vel and odom of ROS, or requests and states of a Unitree Go2 (untried on hardware)."""
+    transport: Literal["dds", "zenoh"] = "dds"
+    """What the network speaks: DDS, as rmw_cyclonedds and rmw_fastrtps do, or Zenoh, as rmw_zenoh does (untried beside
+    it; its extra is zenoh)."""
     speed: Annotated[float, tyro.conf.arg(metavar="SHARE")] = 1.0
     """Share of the body's greatest velocities that commands may have, 0.5 for the first time on the floor."""
     domain: Annotated[int | None, optional("N")] = None
@@ -72,10 +75,9 @@ def deploy(argv: list[str]) -> int:
     from vuca_nav.deploy.node.log import NodeLog
     from vuca_nav.deploy.node.loop import Node, NodeConfig
     from vuca_nav.deploy.node.warm_up import warm_up
-    from vuca_nav.deploy.transport.dds import DdsTransport
-    from vuca_nav.deploy.transport.network import network_of
+    from vuca_nav.deploy.transport.joining import network_by
 
-    network = network_of(arguments.domain, arguments.interface)
+    network = network_by(arguments.transport, arguments.domain, arguments.interface, ros)
     bundle = load_bundle(arguments.bundle)
     if arguments.lockstep and arguments.twist:
         raise BadArgument("--lockstep needs cmd_vel with stamps: leave --twist out")
@@ -100,9 +102,8 @@ def deploy(argv: list[str]) -> int:
         print(f"ready after {time.monotonic() - began:.1f} s", file=sys.stderr)
         if network.warning is not None:
             print(f"warning: {network.warning}", file=sys.stderr)
-        where = "this machine alone" if network.interface is None else network.interface
-        print(f"ROS domain {network.domain} on {where}, namespace {ros.namespace}", file=sys.stderr)
-        with DdsTransport(network, ros) as transport:
+        print(f"{network.where}, namespace {ros.namespace}", file=sys.stderr)
+        with network.join() as transport:
             node = Node(bundle, transport, config, telemetry, log)
             line = StatusLine(sys.stderr)
             node.after_tick = lambda: line(node.status)

@@ -19,12 +19,14 @@ from cyclonedds.qos import Qos as DdsQos
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
-from vuca_nav.deploy.transport.dds_types import dds_topic, idl_struct, ros_topic, ros_type
+from vuca_nav.deploy.transport.dds_types import dds_topic, idl_struct, ros_topic
 from vuca_nav.deploy.transport.interface import (
     LATCHED,
     RELIABLE,
+    SERVICES,
     Client,
     Endpoint,
+    NetworkError,
     Publisher,
     Qos,
     Received,
@@ -33,28 +35,23 @@ from vuca_nav.deploy.transport.interface import (
     Service,
     Subscriber,
     Transport,
+    check_type,
 )
-from vuca_nav.deploy.transport.names import UNCHANGED, RosArguments
+from vuca_nav.deploy.transport.names import UNCHANGED, RosArguments, ros_type
 from vuca_nav.deploy.transport.network import MOST_PARTICIPANTS, NetworkConfig
-from vuca_nav.deploy.transport.ros_types import WRAPPED, BadMessage, decode, encode, known, new, type_hash
-from vuca_nav.errors import BadArgument, VucaError
+from vuca_nav.deploy.transport.ros_types import WRAPPED, BadMessage, decode, encode, new, type_hash
+from vuca_nav.errors import BadArgument
 
 _ANY = SampleState.Any | ViewState.Any | InstanceState.Any
 _NS = 1_000_000_000
 _BLOCKING = _NS // 10
 """Longest time for which a full reliable writer holds its caller [ns]; DDS's default."""
-SERVICES = Qos(depth=10)
-"""rmw's profile of services."""
 _ENCLAVE = b"enclave=/;"
 """What ROS participants announce of their security enclave."""
 _GRAPH_TOPIC, _GRAPH_TYPE = "ros_discovery_info", "rmw_dds_common/msg/ParticipantEntitiesInfo"
 """Where nodes tell which endpoints are theirs."""
 _MOST_ENDPOINTS = 4096
 """Greatest number of foreign publishers that are remembered, so that announcements cannot fill the memory."""
-
-
-class NetworkError(VucaError):
-    """The network cannot be joined."""
 
 
 class DdsTransport(Transport):
@@ -99,14 +96,14 @@ class DdsTransport(Transport):
 
     def advertise(self, topic: str, type_name: str, qos: Qos = RELIABLE) -> "DdsPublisher":
         """Announce a topic and return its publisher."""
-        _check_type(type_name)
+        check_type(type_name)
         name = self.full_name(topic)
         writer = self._writer(dds_topic(name), type_name, qos, _hash_data(type_name))
         return DdsPublisher(writer, type_name)
 
     def subscribe(self, topic: str, type_name: str, qos: Qos = RELIABLE) -> "DdsSubscriber":
         """Subscribe to a topic."""
-        _check_type(type_name)
+        check_type(type_name)
         name = self.full_name(topic)
         reader = self._reader(dds_topic(name), type_name, qos, _hash_data(type_name))
         return DdsSubscriber(reader, name, type_name, self.refusals, qos.depth)
@@ -321,11 +318,6 @@ class DdsClient(Client):
 def _gid(entity: Any) -> Any:
     """Identifier of an endpoint or participant as ROS has it."""
     return new("rmw_dds_common/msg/Gid", data=np.frombuffer(entity.get_guid().bytes, np.uint8))
-
-
-def _check_type(type_name: str) -> None:
-    if not known(type_name):
-        raise BadArgument(f"unknown message type {type_name!r}; names look like sensor_msgs/msg/LaserScan")
 
 
 def _hash_data(type_name: str) -> bytes:

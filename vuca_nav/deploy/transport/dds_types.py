@@ -10,6 +10,7 @@ from typing import Any
 from cyclonedds.idl import make_idl_struct
 from cyclonedds.idl import types as idl
 
+from vuca_nav.deploy.transport.names import dds_type
 from vuca_nav.deploy.transport.ros_types import WRAPPED, FieldType, fields_of
 
 _PRIMITIVES: dict[str, Any] = {
@@ -31,20 +32,6 @@ def dds_topic(full_name: str, prefix: str = "rt", suffix: str = "") -> str:
 def ros_topic(dds_name: str) -> str:
     """ROS name of a topic on DDS; the name itself where it is not ROS's."""
     return dds_name[2:] if dds_name.startswith("rt/") else dds_name
-
-
-def dds_type(type_name: str) -> str:
-    """Name on DDS of a ROS type."""
-    package, folder, name = type_name.removesuffix(WRAPPED).split("/")
-    return f"{package}::{folder}::dds_::{name}_"
-
-
-def ros_type(dds_name: str) -> str:
-    """ROS name of a type on DDS; the name itself where it is not ROS's."""
-    parts = dds_name.split("::")
-    if len(parts) == 4 and parts[2] == "dds_" and parts[3].endswith("_"):
-        return f"{parts[0]}/{parts[1]}/{parts[3][:-1]}"
-    return dds_name
 
 
 @functools.cache

@@ -9,6 +9,9 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Self
 
+from vuca_nav.deploy.transport.ros_types import known
+from vuca_nav.errors import BadArgument, VucaError
+
 
 @dataclass(frozen=True, slots=True)
 class Qos:
@@ -30,6 +33,14 @@ LATCHED = Qos(transient_local=True, depth=1)
 """Maps, static transforms, an action's status."""
 STATIC_TRANSFORMS = Qos(transient_local=True, depth=100)
 """Subscribers of tf_static: each broadcaster's last message is wanted."""
+
+
+SERVICES = Qos(depth=10)
+"""Requests and replies of services (rmw's profile of them)."""
+
+
+class NetworkError(VucaError):
+    """The network cannot be joined, or does not take a message."""
 
 
 class Received(NamedTuple):
@@ -201,3 +212,13 @@ class Transport(ABC):
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def check_type(type_name: str) -> None:
+    """See that a message type is known.
+
+    Raises:
+        BadArgument: If it is not.
+    """
+    if not known(type_name):
+        raise BadArgument(f"unknown message type {type_name!r}; names look like sensor_msgs/msg/LaserScan")

@@ -1,9 +1,10 @@
-"""Names and arguments of ROS: full names, remapping, a parameter, as ROS users write them on a command line."""
+"""Names and arguments of ROS: full names, remapping, a parameter, as ROS users write them; types as DDS names them."""
 
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from vuca_nav.deploy.transport.ros_types import WRAPPED
 from vuca_nav.errors import BadArgument
 
 _TOKEN = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
@@ -111,3 +112,17 @@ def split_ros_arguments(argv: Sequence[str]) -> tuple[list[str], list[str]]:
         else:
             target.append(word)
     return own, ros
+
+
+def dds_type(type_name: str) -> str:
+    """Name on DDS of a ROS type."""
+    package, folder, name = type_name.removesuffix(WRAPPED).split("/")
+    return f"{package}::{folder}::dds_::{name}_"
+
+
+def ros_type(dds_name: str) -> str:
+    """ROS name of a type on DDS; the name itself where it is not ROS's."""
+    parts = dds_name.split("::")
+    if len(parts) == 4 and parts[2] == "dds_" and parts[3].endswith("_"):
+        return f"{parts[0]}/{parts[1]}/{parts[3][:-1]}"
+    return dds_name

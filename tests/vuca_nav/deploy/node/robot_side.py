@@ -16,8 +16,7 @@ from vuca_nav.deploy.messages import header_message, pose_message, pose_stamped_
 from vuca_nav.deploy.node.log import NodeLog
 from vuca_nav.deploy.node.loop import Node, NodeConfig
 from vuca_nav.deploy.robot_file import robot_file_of
-from vuca_nav.deploy.transport.dds import DdsTransport
-from vuca_nav.deploy.transport.interface import LATCHED, RELIABLE, SENSOR
+from vuca_nav.deploy.transport.interface import LATCHED, RELIABLE, SENSOR, Transport
 from vuca_nav.deploy.transport.ros_types import new
 from vuca_nav.geometry import compose
 from vuca_nav.policy.dynamic_window import DynamicWindowConfig
@@ -38,7 +37,7 @@ def bundle(lidar: LidarSpec = LIDAR) -> Bundle:
     return Bundle(Path("nowhere"), manifest, robot_file_of(body(), lidar), config)
 
 
-def node(transport: DdsTransport, config: NodeConfig, lidar: LidarSpec = LIDAR) -> Node:
+def node(transport: Transport, config: NodeConfig, lidar: LidarSpec = LIDAR) -> Node:
     """A node of that bundle."""
     return Node(bundle(lidar), transport, config, Telemetry(), NodeLog())
 
@@ -46,7 +45,7 @@ def node(transport: DdsTransport, config: NodeConfig, lidar: LidarSpec = LIDAR) 
 class RobotSide:
     """The robot's drivers, and the robot: a disc without inertia."""
 
-    def __init__(self, transport: DdsTransport, lidar: LidarSpec = LIDAR):
+    def __init__(self, transport: Transport, lidar: LidarSpec = LIDAR):
         self.transport, self.lidar = transport, lidar
         self.clock = transport.advertise("/clock", "rosgraph_msgs/msg/Clock")
         self.scan = transport.advertise("scan", "sensor_msgs/msg/LaserScan", SENSOR)
