@@ -69,7 +69,7 @@ def by_method(rows: Sequence[Row]) -> dict[str, dict[str, Row]]:
 
 
 def read_rows(source: Path, seeds: range | None = None) -> list[Row]:
-    """Read the rows of an evaluation.
+    """Read the rows of an evaluation; tasks that were refused are left out, and told.
 
     Args:
         source: Its directory, which need not be complete, or a file of kept rows.
@@ -77,6 +77,24 @@ def read_rows(source: Path, seeds: range | None = None) -> list[Row]:
 
     Raises:
         BadArgument: There are none, or they cannot be read.
+    """
+    rows, refused = read_run_and_refused(source, seeds)
+    if refused:
+        print(f"{source}: {len(refused)} tasks that were refused are left out", file=sys.stderr)
+    if not rows:
+        raise BadArgument(f"{source} has no episodes{'' if seeds is None else ' of these seeds'}")
+    return rows
+
+
+def read_run_and_refused(source: Path, seeds: range | None = None) -> tuple[list[Row], list[Row]]:
+    """Read the rows of an evaluation: those of episodes that were run, and those of tasks that were refused.
+
+    Args:
+        source: Its directory, which need not be complete, or a file of kept rows.
+        seeds: Seeds of the episodes to read; by default all.
+
+    Raises:
+        BadArgument: They cannot be read.
     """
     place, lines = read_lines(source)
     wrong = f"{place} is not a list of episodes"
@@ -90,13 +108,8 @@ def read_rows(source: Path, seeds: range | None = None) -> list[Row]:
             raise BadArgument(f"{wrong}: line {number}: {', '.join(missing)} missing")
         if seeds is None or row["seed"] in seeds:
             rows.append(row)
-    refused = sum(row["outcome"] == REFUSED for row in rows)
-    if refused:
-        print(f"{place}: {refused} tasks that were refused are left out", file=sys.stderr)
-        rows = [row for row in rows if row["outcome"] != REFUSED]
-    if not rows:
-        raise BadArgument(f"{place} has no episodes{'' if seeds is None else ' of these seeds'}")
-    return rows
+    refused = [row for row in rows if row["outcome"] == REFUSED]
+    return [row for row in rows if row["outcome"] != REFUSED], refused
 
 
 class Differences(NamedTuple):

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eval.analysis.compare import read_rows
+from eval.analysis.compare import read_run_and_refused
 from eval.analysis.report.tables import Share
 from eval.analysis.summary import dials_in_words, is_result
 from eval.checked import NUMBERS, is_number
@@ -36,16 +36,28 @@ class Evaluation(NamedTuple):
     source: Path
     stored: StoredConfig
     rows: list[Row]
+    refused: list[Row]
+    """Rows of tasks that were refused."""
 
     @property
     def methods(self) -> str:
         """The methods as they are typed, options included."""
-        return ", ".join(f"`{title}`" for title in unique(title_of(row["method"], row) for row in self.rows))
+        return ", ".join(f"`{title}`" for title in unique(title_of(row["method"], row) for row in self.all_rows))
 
     @property
     def robots(self) -> str:
         """The names of the robots."""
-        return ", ".join(unique(row["robot"] for row in self.rows))
+        return ", ".join(unique(row["robot"] for row in self.all_rows))
+
+    @property
+    def all_rows(self) -> list[Row]:
+        """The rows of what was run and of what was refused."""
+        return [*self.rows, *self.refused]
+
+    @property
+    def is_of_tasks(self) -> bool:
+        """Whether it is of tasks of a file or a folder, not of a suite."""
+        return any("task" in row for row in self.all_rows)
 
 
 class Cell(NamedTuple):
@@ -95,11 +107,13 @@ def read_evaluation(source: Path) -> Evaluation:
     Raises:
         BadArgument: It is no evaluation.
     """
-    stored, rows = read_stored(source), read_rows(source)
-    for row in rows:
+    stored, (rows, refused) = read_stored(source), read_run_and_refused(source)
+    for row in (*rows, *refused):
         if not (is_result(row) and _is_classified(row)):
             raise BadArgument(f"{source} has a row that is not the result of an episode: {shown(row, 500)}")
-    return Evaluation(name_of(source), source, stored, rows)
+    if not (rows or refused):
+        raise BadArgument(f"{source} has no episodes")
+    return Evaluation(name_of(source), source, stored, rows, refused)
 
 
 def _is_classified(row: Row) -> bool:
@@ -163,7 +177,9 @@ def cells_of(evaluations: Sequence[Evaluation]) -> list[Cell]:
 
 
 def place_of(row: Row) -> str:
-    """The task of a row in words."""
+    """The task of a row in words: its name, if a file of tasks gave it one."""
+    if "task" in row:
+        return f"{row['task']}{dials_in_words(row)}"
     region = "" if row["region"] is None else f" {row['region']}"
     names = {"start": "from", "goal": "to"}
     ends = [f"{word} {_point(row[name])}" for name, word in names.items() if row[name] is not None]

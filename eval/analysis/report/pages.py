@@ -22,7 +22,7 @@ from eval.analysis.report.moments import moments_table
 from eval.analysis.report.page import html_page
 from eval.analysis.report.results import tables_of
 from eval.analysis.report.tables import Column, Share, Table, as_csv, grid, markdown
-from eval.analysis.summary import dials_in_words, statistics_of, summarise
+from eval.analysis.summary import by_driver, dials_in_words, statistics_of, summarise
 from eval.episode import OUTCOMES
 from eval.kept import told_command
 from eval.methods import title_of
@@ -66,7 +66,8 @@ def write_reports(sources: Sequence[Path], out: Path) -> list[Path]:
     listed = evaluations_table(evaluations)
     evidence = Evidence(cells, measurements)
     claims = claims_table(evidence)
-    tables = [answers_table(claims), claims, default_table(evaluations), *tables_of(cells), branch_table(cells)]
+    tables = [answers_table(claims), claims, default_table(evaluations), tasks_table(evaluations)]
+    tables += [*tables_of(cells), branch_table(cells)]
     tables = [table for table in [*tables, moments_table(evidence.rows("moments"))] if table.rows]
     pictures = [*outcome_figures(cells), *measured_figures(evidence)]
     facts = [*map(_facts, evaluations), *map(_facts_of_measurement, measurements)]
@@ -88,7 +89,7 @@ def page_of(evaluation: Evaluation) -> str:
     """The page of an evaluation: the run and its results."""
     rows = evaluation.rows
     facts = _facts(evaluation)
-    lines = [f"# {evaluation.name}", "", *grid(("", ""), facts.rows), "", "## Outcomes", "", *_outcomes(rows)]
+    lines = [f"# {evaluation.name}", "", *grid(("", ""), facts.rows), "", "## Outcomes", "", *_outcomes(evaluation)]
     ways = _ways(rows)
     if ways:
         lines += ["", "## Ways to the goal", "", *ways]
@@ -105,6 +106,26 @@ def evaluations_table(evaluations: Sequence[Evaluation]) -> Table:
     titles = ("evaluation", "suite", "robot", "method", "episodes", "success")
     note = "Success with Wilson's 95% interval, over all that the evaluation holds."
     return Table("evaluations", "Evaluations", note, tuple(map(Column, titles)), rows)
+
+
+def tasks_table(evaluations: Sequence[Evaluation]) -> Table:
+    """The evaluations of brought tasks, all tasks of each together; no rows if there are none."""
+    rows: list[list[Any]] = []
+    for evaluation in evaluations:
+        found = by_driver(evaluation.all_rows, evaluation.name) if evaluation.is_of_tasks else []
+        for group in found:
+            method, n = title_of(group["method"], group), group["n"]
+            contacts = group["contacts"]
+            shares = [Share(group[outcome]["count"], n) for outcome in OUTCOMES]
+            figures = [contacts["own"], contacts["static"], group["spl"], group.get("score")]
+            rows.append([group["world"], group["robot"], method, group.get("refused", 0), n, *shares, *figures])
+    names = ("tasks", "robot", "method", "refused", "episodes", *OUTCOMES, "own contacts", "static ones")
+    columns = (*map(Column, names), Column("SPL", 3), Column("score", 4))
+    note = (
+        "All tasks of a file or a folder together, with Wilson's 95% intervals. Refused: no way is wide enough for the "
+        "body by the check. SPL and score are means over the episodes; the score is BARN's, where the tasks have it."
+    )
+    return Table("tasks", "Brought tasks", note, columns, rows)
 
 
 def _index(listed: Table, tables: Sequence[Table], pictures: Sequence[Picture], measured: Sequence[Table]) -> str:
@@ -141,7 +162,7 @@ def _facts(evaluation: Evaluation) -> Table:
     facts += [
         ("suite", config.get("suite")),
         ("seeds", " to ".join(unique([str(seeds[0]), str(seeds[1] - 1)])) if seeds else "unknown"),
-        ("episodes", f"{len(evaluation.rows)} of {asked}"),
+        ("episodes", f"{len(evaluation.all_rows)} of {asked}"),
         ("robot", evaluation.robots),
         ("method", evaluation.methods),
     ]
@@ -168,18 +189,25 @@ def _machine(run: Row) -> str:
     return f"{cpu}, {cores} cores, {system}, Python {python}"
 
 
-def _outcomes(rows: Sequence[Row]) -> list[str]:
+def _outcomes(evaluation: Evaluation) -> list[str]:
+    rows = [{**row, "world": row.get("task", row["world"])} for row in evaluation.all_rows]
     header = ("world", "robot", "method", "episodes", *OUTCOMES, "mean time [s]", "SPL", "way per collision [m]")
-    scored = any(row.get("score") is not None for row in rows)
-    header += ("score",) * scored
+    scored, refused = any(row.get("score") is not None for row in rows), bool(evaluation.refused)
+    header += ("score",) * scored + ("refused",) * refused
 
     def figures(group: Row) -> list[Any]:
         score = group.get("score")
-        return [*_figures(group), *(["-" if score is None else f"{score:.4f}"] * scored)]
+        return [
+            *_figures(group),
+            *(["-" if score is None else f"{score:.4f}"] * scored),
+            *([group.get("refused", 0)] * refused),
+        ]
 
+    groups = summarise(rows)
+    if evaluation.is_of_tasks:
+        groups = [*by_driver(rows, "all"), *groups]
     cells = [
-        [_world(group), group["robot"], f"`{title_of(group['method'], group)}`", *figures(group)]
-        for group in summarise(rows)
+        [_world(group), group["robot"], f"`{title_of(group['method'], group)}`", *figures(group)] for group in groups
     ]
     if len(cells) > 1:
         cells.append(["all", "", "", *figures(statistics_of(rows))])

@@ -118,7 +118,7 @@ def test_a_task_is_run_again_as_it_was_and_is_not_its_worlds_own(tmp_path):
     made = write_evaluation(tmp_path / "tasks", [row | {"task": "over the square"} for row in rows])
     (cell,) = cells_of([read_evaluation(made)])
     assert not cell.is_plain
-    assert cell.place == "square, tolerance 0.5 m, time limit 20 s, obstacles tracks:people.csv"
+    assert cell.place == "over the square"
     (failed,) = failed_episodes([cell])
     assert "--tolerance 0.5 --time-limit 20.0 --obstacles tracks:people.csv" in failed.record
     assert failed.explain is not None

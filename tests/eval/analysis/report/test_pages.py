@@ -114,15 +114,20 @@ def test_what_is_no_evaluation_is_said(two, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_scores_of_tasks_are_a_column_and_refused_tasks_are_left_out(tmp_path, capsys):
+def test_tasks_of_a_folder_have_a_line_of_their_own_with_scores_and_what_was_refused(tmp_path):
     folder = evaluation(tmp_path / "barn", BARE, ["success", "success", "refused"])
     rows = [json.loads(line) for line in (folder / "episodes.jsonl").read_text().splitlines()]
     for row, score in zip(rows, (0.5, 0.25, None), strict=True):
-        row |= {} if score is None else {"score": score}
+        row |= {"task": "world_1"} | ({} if score is None else {"score": score})
     (folder / "episodes.jsonl").write_text("".join(f"{json.dumps(row)}\n" for row in rows))
     write_reports([folder], tmp_path / "out")
     page = (tmp_path / "out" / "barn.md").read_text()
-    (line,) = [line for line in page.splitlines() if "`dwa-dh`" in line and "[" in line]
-    assert line.rstrip("| ").endswith("0.3750")
-    assert "| score |" in page
-    assert "1 tasks that were refused are left out" in capsys.readouterr().err
+    assert [line.split(" | ")[0] for line in page.splitlines() if "`dwa-dh`" in line and "[" in line] == [
+        "| all",
+        "| world_1, 8 movers",
+    ]
+    assert all(line.endswith("0.3750 | 1 |") for line in page.splitlines() if "`dwa-dh`" in line and "[" in line)
+    assert "| score | refused |" in page
+    (line,) = (tmp_path / "out" / "tables" / "tasks.csv").read_text().splitlines()[1:]
+    assert line.startswith("barn,go2,dwa-dh,1,2,2,2,")
+    assert line.endswith(",0.375")
