@@ -42,7 +42,7 @@ def write_real_time(folder: Path):
     cell = folder / "tiago-factory-2"
     write_rows(cell / "wire", "real_time", ["success", "collision", "success", "success"], {"real_time_factor": 1.0})
     write_rows(cell / "alone", "real_time", ["success", "success", "collision", "success"], {})
-    times = {"latencies": [0.002, 0.002, 0.002], "periods": [1 / 30 + 0.004], "idle": [1 / 30 - 0.001]}
+    times = {"latencies": [0.002, 0.002, 0.002], "periods": [0.1] * 30 + [1 / 30 + 0.004], "idle": [1 / 30 - 0.001]}
     lines = [{"seed": seed, "late": 2, "load": 1.5, **times} for seed in range(4)]
     (cell / "timing.jsonl").write_text("".join(f"{json.dumps(line)}\n" for line in lines))
     return folder
