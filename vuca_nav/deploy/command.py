@@ -81,6 +81,8 @@ def deploy(argv: list[str]) -> int:
     bundle = load_bundle(arguments.bundle)
     if arguments.lockstep and arguments.twist:
         raise BadArgument("--lockstep needs cmd_vel with stamps: leave --twist out")
+    if arguments.base == "unitree" and arguments.transport != "dds":
+        raise BadArgument("--base unitree speaks DDS, as the robot does: leave --transport out")
     if arguments.base == "unitree" and (arguments.lockstep or arguments.twist or ros.use_sim_time):
         raise BadArgument(
             "--base unitree has neither cmd_vel nor a simulator's time: leave out --lockstep, --twist and use_sim_time"

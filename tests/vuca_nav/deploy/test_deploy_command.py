@@ -25,6 +25,7 @@ DOMAIN = 106
     [
         (["--lockstep", "--twist"], "--twist"),
         (["--base", "unitree", "--lockstep"], "--base unitree"),
+        (["--base", "unitree", "--transport", "zenoh"], "--base unitree speaks DDS"),
         (["--base", "unitree", "--ros-args", "-p", "use_sim_time:=true"], "--base unitree"),
         (["--record", "a.rrd", "--spawn"], "exclude each other"),
         (["--interface", "nonesuch0"], "network interface"),

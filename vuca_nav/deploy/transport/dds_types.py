@@ -10,8 +10,8 @@ from typing import Any
 from cyclonedds.idl import make_idl_struct
 from cyclonedds.idl import types as idl
 
-from vuca_nav.deploy.transport.names import dds_type
-from vuca_nav.deploy.transport.ros_types import WRAPPED, FieldType, fields_of
+from vuca_nav.deploy.transport.names import WRAPPED, dds_type
+from vuca_nav.deploy.transport.ros_types import FieldType, fields_of
 
 _PRIMITIVES: dict[str, Any] = {
     "bool": bool,

@@ -4,9 +4,10 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from vuca_nav.deploy.transport.ros_types import WRAPPED
 from vuca_nav.errors import BadArgument
 
+WRAPPED = "_Wrapped"
+"""Ending of the name of a request's or response's wrapper."""
 _TOKEN = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 

@@ -11,6 +11,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from vuca_nav.deploy.transport.names import WRAPPED
 from vuca_nav.errors import VucaError
 
 SMALL = 64 << 10
@@ -250,7 +251,3 @@ def _register_service(store: Any, name: str) -> None:
             ("message", (Nodetype.NAME, f"{name}_{part}")),
         ]
         store.register({f"{name}_{part}{WRAPPED}": ([], fields)})
-
-
-WRAPPED = "_Wrapped"
-"""Ending of the name of a request's or response's wrapper."""

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from vuca_nav.deploy.transport.interface import LATCHED, SENSOR, NetworkError, Qos
+from vuca_nav.deploy.transport.interface import COMMAND, LATCHED, SENSOR, NetworkError, Qos
 from vuca_nav.deploy.transport.names import RosArguments
 from vuca_nav.deploy.transport.ros_types import decode, encode, new
 from vuca_nav.deploy.transport.zenoh import CONFIG_VARIABLE, ZenohTransport
@@ -117,6 +117,22 @@ def test_a_second_publisher_is_found_and_seen_to_go(transport: ZenohTransport, e
         (foreign,) = [each for each in transport.publishers("/cmd_vel") if not each.is_own]
         assert (foreign.topic, foreign.type_name) == ("/cmd_vel", "geometry_msgs/msg/TwistStamped")
     assert eventually(lambda: [each.is_own for each in transport.publishers("/cmd_vel")] == [True])
+
+
+@pytest.mark.parametrize("_again", range(4))
+def test_what_is_published_last_arrives_though_its_publisher_leaves_at_once(
+    other: ZenohTransport, environment: dict[str, str], _again: int
+) -> None:
+    """As the zero command of a stack that is ended."""
+    subscriber, received = other.subscribe("/cmd_vel", TWIST, Qos(depth=100)), []
+    with ZenohTransport(7, environment=environment) as leaving:
+        publisher = leaving.advertise("/cmd_vel", TWIST, COMMAND)
+        assert eventually(lambda: publisher.publish(twist(0.5)) and other.wait(0.1))
+        for _ in range(3):
+            publisher.publish(twist(0.0))
+        assert publisher.flush(0.2)
+    assert eventually(lambda: received.extend(subscriber.take()) or not other.wait(0.2))
+    assert [each.message.linear.x for each in received][-3:] == [0.0, 0.0, 0.0]
 
 
 def test_domains_do_not_see_each_other(transport: ZenohTransport, environment: dict[str, str]) -> None:
