@@ -28,7 +28,7 @@ from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import Odometry, Scan
 from vuca_nav.wire import round_pose
 from worlds.checks import check_task
-from worlds.importers.sources import Bringing, with_task
+from worlds.importers.sources import Bringing, is_brought, with_task
 from worlds.registry import make_world, ordered_difficulties
 from worlds.world import World
 
@@ -183,7 +183,13 @@ class Episode:
         self.method = resolve(config.method, config.options)
         self.body = make_body(config.robot, trust=config.trust)
         self.world = _make_task(config, self.body)
-        self.shortest_path = check_task(self.world, self.body.spec.radius, height=self.body.height)
+        self.shortest_path = check_task(
+            self.world,
+            self.body.spec.footprint,
+            config.world if is_brought(config.world) else "",
+            self.body.height,
+            self.world.tolerance,
+        )
         self.timeout = self.world.time_limit or time_limit(self.shortest_path, self.body.spec.max_v_x)
         self._moved_after: float | None = None
         self._set_up_time = time.perf_counter() - began

@@ -143,10 +143,11 @@ class NavigationEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         super().reset(seed=seed)
         chosen = int(self.np_random.integers(2**31)) if seed is None else seed
         world = self._make_world(chosen)
-        shortest = check_task(world, self._body.spec.radius, height=self._body.height)
+        tolerance = world.tolerance if self._given_tolerance is None else self._given_tolerance
+        shortest = check_task(world, self._body.spec.footprint, height=self._body.height, tolerance=tolerance)
         self._world, self._seed, self._commands, self._terminated = world, chosen, [], False
         self._limit = world.time_limit or time_limit(shortest, self._body.spec.max_v_x)
-        self._tolerance = world.tolerance if self._given_tolerance is None else self._given_tolerance
+        self._tolerance = tolerance
         self._distance = distance(world.start, world.goal)
         self._simulation = Simulation(world, self._body, chosen, noise=self._noise)
         scan, odometry = self._simulation.reset()

@@ -7,9 +7,21 @@ import numpy as np
 from vuca_nav.errors import BadArgument
 from vuca_nav.types import FloatArray
 
-MOST_ELONGATED_DISC = 1.4
-"""Length over width up to which one circumscribed disc stands for the whole outline: at most 0.2 m too wide for bodies
-of half a metre."""
+EXCESS = 0.025
+"""Most that the discs of a body reach beyond half its width [m]: less than the 0.05 m that a way must leave at either
+side of it."""
+ROOM = 0.05
+"""Room that a way must leave at either side of the body [m]: a way is one if the footprint and 0.10 m fit through."""
+
+
+def half_way(footprint: FloatArray) -> float:
+    """Half the width of the narrowest way for a body that goes forwards; for one about round, at any heading [m].
+
+    Args:
+        footprint: Convex outline in base_link (n, 2) [m].
+    """
+    discs = cover_by_discs(footprint)
+    return (0.5 * float(np.ptp(footprint[:, 1])) if len(discs) > 1 else float(discs[0, 2])) + ROOM
 
 
 def cover_by_discs(footprint: FloatArray) -> FloatArray:
@@ -19,15 +31,17 @@ def cover_by_discs(footprint: FloatArray) -> FloatArray:
         footprint: (n, 2) [m].
 
     Returns:
-        (k, 3) x, y and radius [m]; one disc about the origin for a body that is about as long as wide.
+        (k, 3) x, y and radius [m], the radius at most half the width and ``EXCESS``; one disc about the origin for a
+        body that is about round.
     """
     x_min, y_min = footprint.min(axis=0)
     x_max, y_max = footprint.max(axis=0)
     length, width = x_max - x_min, y_max - y_min
     circumscribed = float(np.hypot(footprint[:, 0], footprint[:, 1]).max())
-    if length < MOST_ELONGATED_DISC * width:
+    widest = 0.5 * width + EXCESS
+    if circumscribed <= widest:
         return np.array([[0.0, 0.0, circumscribed]])
-    count = math.ceil(length / width)
+    count = math.ceil(length / (2.0 * math.sqrt(widest**2 - (0.5 * width) ** 2)))
     piece = length / count
     radius = math.hypot(0.5 * piece, 0.5 * width)
     xs = x_min + piece * (np.arange(count) + 0.5)

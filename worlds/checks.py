@@ -7,11 +7,15 @@ from itertools import pairwise
 import numpy as np
 
 from vuca_nav.errors import BadWorld
+from vuca_nav.footprint import cover_by_discs, half_way, size_of
+from vuca_nav.task import GOAL_TOLERANCE
+from vuca_nav.types import FloatArray
 from worlds.arrays import pack_shapes
 from worlds.clearance import ClearanceField, clearance_at, clearance_field, distance_to_wide_ways
 from worlds.motion.keyframes import place_of
 from worlds.scenes.parts.population import MOVER_WAY, WAY_MARGIN
 from worlds.shortest_path import shortest_path_length
+from worlds.widest_way import widest_way
 from worlds.world import (
     MAX_MOVER_SPEED,
     TALLEST,
@@ -106,27 +110,40 @@ def check_world(world: World, source: str = "") -> None:
     _check_apart(world.movers, source)
 
 
-def check_task(world: World, footprint_radius: float, source: str = "", height: float = TALLEST) -> float:
-    """Refuse a world in which a body of this size cannot stand at the start, or cannot get to the goal.
+def check_task(
+    world: World,
+    footprint: FloatArray,
+    source: str = "",
+    height: float = TALLEST,
+    tolerance: float = GOAL_TOLERANCE,
+) -> float:
+    """Refuse a world in which a body cannot stand at the start, or cannot get to the goal.
+
+    What is passable: ways as wide as the footprint and 0.10 m (``vuca_nav.footprint.half_way``).
 
     Args:
         world: Any world.
-        footprint_radius: Radius of the circle about the footprint [m].
+        footprint: Convex outline of the body in base_link (n, 2) [m].
         source: Name that begins each message.
         height: Height of the body [m]; what hangs above it is not in its way.
+        tolerance: Distance from the goal at which it counts as reached [m].
 
     Returns:
         Length of the shortest way around the static obstacles alone [m].
 
     Raises:
-        BadWorld: Start or goal is too near to an obstacle or to the bounds, a mover is where the robot starts, or no
-            way joins start and goal, even without the moving obstacles.
+        BadWorld: The body does not fit at the start, a mover is where it starts, or no way joins the start and a place
+            within the tolerance of the goal, even without the moving obstacles.
     """
-    _check_place(world, "start", world.start[:2], footprint_radius, height, source)
-    _check_place(world, "goal", world.goal, footprint_radius, height, source)
+    x, y, yaw = world.start
+    discs = cover_by_discs(footprint)
+    for along, aside, radius in discs.tolist():
+        point = x + along * math.cos(yaw) - aside * math.sin(yaw), y + along * math.sin(yaw) + aside * math.cos(yaw)
+        _check_place(world, "start", point, radius, height, source)
+    _check_place(world, "goal", world.goal, 0.0, height, source)
     for i, mover in enumerate(world.movers):
         place, there = place_of(mover.motion) if isinstance(mover.motion, Keyframes) else (mover.start, True)
-        gap = math.dist(place[:2], world.start[:2]) - mover.radius - footprint_radius
+        gap = math.dist(place[:2], world.start[:2]) - mover.radius - size_of(discs)
         if gap < START_MARGIN and mover.base < height and there:
             raise BadField(
                 source,
@@ -134,13 +151,18 @@ def check_task(world: World, footprint_radius: float, source: str = "", height: 
                 f"movers[{i}] (a {mover.kind}) begins at ({place.x:g}, {place.y:g}), "
                 f"{gap:.2f} m from the body; {START_MARGIN:g} m or more between them would be right",
             )
-    length = shortest_path_length(world, footprint_radius, height)
+    half = half_way(footprint)
+    length = shortest_path_length(world, half, height, tolerance)
     if not math.isfinite(length):
+        neck = widest_way(world, half, tolerance, height)
+        found = "all ways are walled up; a passage or another goal would be right"
+        if neck is not None:
+            found = f"the widest is {neck.width:.2f} m wide at ({neck.place[0]:.2f}, {neck.place[1]:.2f})"
         raise BadField(
             source,
             "goal",
-            f"no way leads from the start to ({world.goal[0]:g}, {world.goal[1]:g}) for a body of "
-            f"radius {footprint_radius:g} m; a wider passage or another goal would be right",
+            f"no way leads from the start to ({world.goal[0]:g}, {world.goal[1]:g}) that is {2.0 * half:.2f} m wide, "
+            f"as wide as the body and 0.10 m: {found}",
         )
     return length
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from vuca_nav.errors import BadArgument, UnknownName
-from worlds.checks import check_task
 from worlds.importers.sources import AS_IT_IS, Bringing, is_brought, load_world, with_people, with_task
 from worlds.motion.phases import drawn
 from worlds.scenes import building, crossing, double_branch, factory, square, training
@@ -153,7 +152,6 @@ def make_world(
     world = with_task(with_people(world, bringing), bringing)
     if is_from_file:
         world = drawn(world, seed)
-        check_task(world, footprint_radius, name, height)
     return world
 
 

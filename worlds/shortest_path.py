@@ -5,11 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from vuca_nav.kernel_cache import njit
 from vuca_nav.types import FloatArray
 from worlds.clearance import clearance_field
 from worlds.heap import pop, push
+from worlds.widest_way import WIDTH_ERROR, widest_way
 from worlds.world import TALLEST, World
 
 
@@ -133,34 +135,46 @@ def _pull_tight(blocked, path):
     return kept[:count]
 
 
-def shortest_path(world: World, radius: float, height: float = TALLEST) -> FloatArray:
+def shortest_path(world: World, radius: float, height: float = TALLEST, tolerance: float = 0.0) -> FloatArray:
     """The shortest way of a disc from start to goal around the static obstacles, (n, 2) [m]; empty if there is none.
 
     A* over 16 neighbours, pulled tight by lines of sight: an any-angle path, within about 1% of the true shortest.
-    It also defines "can be reached". A way that leaves less than half a cell of ``RESOLUTIONS`` beside the
-    disc may be missed.
+    It also defines "can be reached": by a way as wide as the disc, within 0.01 m, wherever the grid's cells lie.
 
     Args:
-        world: Any world; the disc must fit at its start and goal.
-        radius: Radius of the disc [m].
+        world: Any world.
+        radius: Radius of the disc [m]. Where it does not fit at the start, the way begins at the nearest place within
+            the radius where it does: the body may stand beside a wall.
         height: Height of the body [m]; obstacles that hang above it are not in its way.
+        tolerance: Where the disc does not fit at the goal, the way ends at the nearest place within this that it gets
+            to [m].
     """
     for resolution in RESOLUTIONS:
-        path = _path_on_grid(world, occupancy(world, resolution, radius, height))
+        path = _path_on_grid(world, occupancy(world, resolution, radius, height), radius, tolerance)
         if len(path):
-            break
+            return path
+    # A way just wide enough may lie between the centres of the cells; they are at most half a diagonal from it.
+    neck = widest_way(world, radius, tolerance, height)
+    if neck is not None and neck.width > 2.0 * radius - WIDTH_ERROR:
+        finest = RESOLUTIONS[-1]
+        grid = occupancy(world, finest, radius - 0.5 * (WIDTH_ERROR + math.sqrt(2.0) * finest), height)
+        path = _path_on_grid(world, grid, radius, tolerance)
     return path
 
 
-def shortest_path_length(world: World, radius: float, height: float = TALLEST) -> float:
+def shortest_path_length(world: World, radius: float, height: float = TALLEST, tolerance: float = 0.0) -> float:
     """Length of :func:`shortest_path` [m]; ``inf`` if there is none."""
-    points = shortest_path(world, radius, height)
+    points = shortest_path(world, radius, height, tolerance)
     return float(np.hypot(*np.diff(points, axis=0).T).sum()) if len(points) else math.inf
 
 
-def _path_on_grid(world: World, grid: Occupancy) -> FloatArray:
-    start, goal = _free_cell(grid, world.start[:2]), _free_cell(grid, world.goal)
-    if start is None or goal is None:
+def _path_on_grid(world: World, grid: Occupancy, radius: float, tolerance: float) -> FloatArray:
+    free, _ = ndimage.label(~grid.blocked, np.ones((3, 3)))
+    start = _free_cell(grid, world.start[:2], ~grid.blocked, radius)
+    if start is None:
+        return np.empty((0, 2))
+    goal = _free_cell(grid, world.goal, free == free[start], tolerance)
+    if goal is None:
         return np.empty((0, 2))
     cells = _grid_path(grid.blocked, STEPS, start, goal)
     if len(cells) == 0:
@@ -169,20 +183,26 @@ def _path_on_grid(world: World, grid: Occupancy) -> FloatArray:
     cells = cells[_pull_tight(grid.blocked, np.ascontiguousarray(cells))]
     points: FloatArray = np.empty((max(len(cells), 2), 2))
     points[: len(cells)] = (cells[:, ::-1] + 0.5) * grid.resolution + grid.origin
-    points[0], points[-1] = world.start[:2], world.goal
+    points[0] = world.start[:2]
+    if goal == grid.cell(*world.goal) or len(cells) < 2:
+        points[-1] = world.goal
     return points
 
 
-def _free_cell(grid: Occupancy, point: tuple[float, float]) -> tuple[int, int] | None:
-    """The point's own cell, or the nearest free one around it: a free point may lie in a cell with a blocked centre."""
+def _free_cell(
+    grid: Occupancy, point: tuple[float, float], free: NDArray[np.bool_], reach: float
+) -> tuple[int, int] | None:
+    """The free cell nearest to a point: its own, else one beside it or within reach."""
     own = grid.cell(*point)
-    if not grid.blocked[own]:
+    if free[own]:
         return own
-    rows, columns = grid.blocked.shape
+    rows, columns = free.shape
+    cells = max(1, math.ceil(reach / grid.resolution))
     around = [
         (row, column)
-        for row in range(max(own[0] - 1, 0), min(own[0] + 2, rows))
-        for column in range(max(own[1] - 1, 0), min(own[1] + 2, columns))
-        if not grid.blocked[row, column]
+        for row in range(max(own[0] - cells, 0), min(own[0] + cells + 1, rows))
+        for column in range(max(own[1] - cells, 0), min(own[1] + cells + 1, columns))
+        if free[row, column]
+        and (max(abs(row - own[0]), abs(column - own[1])) == 1 or math.dist(grid.centre(row, column), point) <= reach)
     ]
     return min(around, key=lambda cell: math.dist(grid.centre(*cell), point), default=None)

@@ -103,7 +103,7 @@ def test_a_beam_is_touched_by_a_body_that_is_taller_than_its_lower_face(tiago, b
     assert simulation.contact == touched
     if touched is None:
         assert simulation.true_pose.x > 32.0
-        assert check_task(world, tiago.spec.radius, height=tiago.height) == pytest.approx(3.0, rel=0.01)
+        assert check_task(world, tiago.spec.footprint, height=tiago.height) == pytest.approx(3.0, rel=0.01)
 
 
 def test_same_seed_same_bits_other_seed_other_bits(tiago):

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tests.vuca_nav.rooms import disc_body
 from vuca_nav.errors import BadArgument
-from vuca_nav.footprint import cover_by_discs, outline_ranges, size_of
+from vuca_nav.footprint import EXCESS, cover_by_discs, half_way, outline_ranges, size_of
 
 RECTANGLE = np.array([[-0.3, -0.2], [0.5, -0.2], [0.5, 0.2], [-0.3, 0.2]])
 
@@ -22,6 +22,12 @@ def test_discs_cover_the_footprint(length, width):
     if length >= 0.7 * width:
         assert (away <= discs[:, 2] + 1e-9).any(axis=1).all()
     assert size_of(discs) >= np.hypot(length, width) / 2.0 - 1e-9
+    assert discs[:, 2].max() <= 0.5 * width + EXCESS + 1e-9  # so little reaches out beside it
+
+
+def test_a_way_is_the_footprint_and_ten_centimetres():
+    assert half_way(RECTANGLE) == pytest.approx(0.25)
+    assert half_way(disc_body(0.3).footprint) == pytest.approx(0.35)
 
 
 def test_a_round_body_is_one_disc():

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import worlds.fairness
+from tests.vuca_nav.rooms import disc_body
 from vuca_nav.errors import BadWorld, VucaError
 from vuca_nav.types import Pose2
 from worlds import make_world
@@ -14,10 +15,15 @@ from worlds.checks import check_task
 from worlds.fairness import fairness
 from worlds.reachability import reachable
 from worlds.shortest_path import occupancy, shortest_path, shortest_path_length
+from worlds.widest_way import widest_way
 from worlds.world import Box, Cylinder, Mover, MoverPart, Obstacle, Patrol, World
 
 TIAGO = 0.285
 """Radius that holds TIAGo's footprint [m]."""
+ROUND = disc_body(TIAGO).footprint
+"""An outline of that radius: by the rule it needs ways of 0.67 m."""
+LONG = np.array([(0.34, -0.19), (0.34, 0.19), (-0.36, 0.19), (-0.36, -0.19)])
+"""An outline about as long and as wide as the Go2's: by the rule it needs ways of 0.48 m."""
 
 
 def hall(*obstacles, movers=(), start=(2.1, 5.1), goal=(18.1, 5.1)):
@@ -69,39 +75,73 @@ def test_no_shortest_path_through_a_gap_that_is_too_narrow():
     assert shortest_path_length(world, 0.5) == math.inf
 
 
-def test_what_can_be_reached_has_a_finite_length():
-    """One predicate: wherever the goal, and however wide the gap, a task is refused or has a length."""
-    accepted = refused = 0
-    for width in np.arange(0.5, 0.8, 0.02):
-        for shift in (0.0, 0.02, 0.05):
+@pytest.mark.parametrize(("footprint", "rule"), [(ROUND, 0.67), (LONG, 0.48)])
+def test_a_way_is_one_if_the_footprint_and_ten_centimetres_fit_through(footprint, rule):
+    """Wherever the gap lies between the cells of a grid: a task is refused or has a length."""
+    for width in np.arange(rule - 0.09, rule + 0.1, 0.02):
+        for shift in (0.0, 0.013, 0.025, 0.05):
             world = hall(*wall_with_gap(10.0, 5.0 + shift - width / 2, 5.0 + shift + width / 2))
-            if math.isfinite(shortest_path_length(world, TIAGO)):
-                assert 16.0 <= check_task(world, TIAGO) < 17.0
-                accepted += 1
+            if width > rule:
+                assert 16.0 <= check_task(world, footprint) < 17.0
             else:
-                with pytest.raises(BadWorld, match="goal: no way leads"):
-                    check_task(world, TIAGO)
-                assert width < 2 * TIAGO + 0.1
-                refused += 1
-    assert accepted >= 21
-    assert refused >= 9
+                with pytest.raises(BadWorld, match=f"goal: no way leads .* that is {rule:.2f} m wide"):
+                    check_task(world, footprint)
 
 
-def test_a_gap_between_the_centres_of_the_coarse_cells_is_found_on_finer_ones():
-    """A gap of 0.64 m about y = 5: the nearest centres of 0.1 m cells leave 0.27 m, those of 0.05 m cells 0.295 m."""
-    assert check_task(hall(*wall_with_gap(10.0, 4.68, 5.32)), TIAGO) == pytest.approx(16.0, rel=0.01)
+@pytest.mark.parametrize("width", [0.2, 0.37, 0.612, 0.66])
+@pytest.mark.parametrize("middle", [5.0, 5.03, 4.982])
+def test_a_narrow_way_is_refused_with_its_place_and_width(width, middle):
+    world = hall(*wall_with_gap(10.0, middle - width / 2, middle + width / 2))
+    neck = widest_way(world, 0.335)
+    assert neck is not None
+    assert neck.width == pytest.approx(width, abs=0.01)
+    assert neck.place == pytest.approx((10.0, middle), abs=0.12)
+    if width < 0.65:
+        said = rf"the widest is {neck.width:.2f} m wide at \({neck.place[0]:.2f}, {neck.place[1]:.2f}\)"
+        with pytest.raises(BadWorld, match=said):
+            check_task(world, ROUND)
 
 
-def test_a_place_that_just_holds_the_body_is_no_obstacle_to_the_way():
-    """Its cell's centre is too near to the wall, on coarse and on fine cells; the place itself is not."""
+def test_the_widest_way_is_that_of_the_wider_gap_at_any_angle():
+    """Two gaps between cylinders in a slanted row: 0.50 m and 0.60 m."""
+    c, s = math.cos(0.4), math.sin(0.4)
+    row, along = [], -6.0
+    for gap in (0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.0, 0.6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0):
+        along += gap + 1.0
+        row.append(Obstacle("pillar", Cylinder(10.0 - s * along, 5.0 + c * along, 0.5, 2.0)))
+    neck = widest_way(hall(*(o for o in row if -0.4 < o.shape.y < 10.4)), 0.3)
+    assert neck is not None
+    assert neck.width == pytest.approx(0.6, abs=0.01)
+
+
+def test_where_all_is_walled_up_no_width_is_told():
+    world = hall(Obstacle("wall", Box(10.0, 5.0, 0.02, 10.0, 0.0, 2.0)))  # thinner than a cell
+    assert widest_way(world, 0.3) is None
+    with pytest.raises(BadWorld, match="all ways are walled up"):
+        check_task(world, ROUND)
+
+
+def test_a_place_within_the_tolerance_stands_for_a_goal_beside_a_wall():
+    """Its cell's centre is too near to the wall, and so is the goal itself; a place within 0.3 m is not."""
     wall = Obstacle("wall", Box(0.1, 5.0, 0.2, 10.0, 0.0, 2.0))
-    for x in (0.487, 0.49, 0.51):
-        assert check_task(hall(wall, goal=(x, 4.0)), 0.2843) == pytest.approx(math.hypot(2.1 - x, 1.1), rel=0.01)
-        assert check_task(hall(wall, start=(x, 4.0), goal=(2.1, 5.1)), 0.2843) < 2.0
-    with pytest.raises(BadWorld, match=r"goal: \(0.4, 4\) is 0.20 m from obstacles\[0\]"):
-        check_task(hall(wall, goal=(0.4, 4.0)), 0.2843)
-    with pytest.raises(BadWorld, match=r"goal: \(10, 0.2\) is 0.20 m from the bounds"):
-        check_task(hall(wall, goal=(10.0, 0.2)), 0.2843)
+    for x in (0.3, 0.4, 0.487, 0.55):
+        length = check_task(hall(wall, goal=(x, 4.0)), ROUND)
+        assert math.hypot(2.1 - x, 1.1) - 0.3 <= length <= math.hypot(2.1 - x, 1.1) + 0.05
+    assert check_task(hall(wall, start=(0.49, 4.0), goal=(2.1, 5.1)), ROUND) < 2.1
+    assert check_task(hall(goal=(10.0, 0.35)), ROUND) < 10.0
+    with pytest.raises(BadWorld, match=r"goal: no way leads .* the widest is (0.40|0.39) m wide"):
+        check_task(hall(wall, goal=(0.25, 4.0)), ROUND, tolerance=0.15)
+    with pytest.raises(BadWorld, match=r"start: \(0.4, 4\) is 0.20 m from obstacles\[0\]"):
+        check_task(hall(wall, start=(0.4, 4.0)), ROUND)
+
+
+def test_a_long_body_may_stand_along_a_wall_where_it_could_not_stand_across():
+    low = Obstacle("wall", Box(10.0, 4.75, 20.0, 0.1, 0.0, 2.0))  # its face is 0.3 m from the start
+    assert check_task(hall(low), LONG) == pytest.approx(16.0, abs=0.2)
+    assert check_task(hall(low, goal=(18.1, 8.1)), LONG) > 16.0
+    turned = replace(hall(low), start=Pose2(2.1, 5.1, math.pi / 2))
+    with pytest.raises(BadWorld, match=r"start: .* from obstacles\[0\]"):
+        check_task(turned, LONG)
 
 
 def test_start_and_goal_in_one_cell():
@@ -114,10 +154,10 @@ def test_a_mover_on_the_start_is_refused():
     def with_mover(gap):
         return hall(movers=(plug((2.1 + 0.6 + TIAGO + gap, 5.1)),))
 
-    assert check_task(with_mover(0.11), TIAGO) == pytest.approx(16.0)
+    assert check_task(with_mover(0.11), ROUND) == pytest.approx(16.0)
     for gap, said in ((0.09, "0.09 m from the body"), (-0.5, "-0.50 m from the body")):
         with pytest.raises(BadWorld, match=rf"start: movers\[0\] \(a cylinder\) begins at .* {said}"):
-            check_task(with_mover(gap), TIAGO)
+            check_task(with_mover(gap), ROUND)
 
 
 def overhead(base, x=10.0, length=0.2, width=10.0):
@@ -135,10 +175,10 @@ def test_a_beam_bars_the_bodies_that_are_taller_than_its_lower_face(base, height
     assert math.isfinite(shortest_path_length(world, TIAGO, height)) == passes
     assert reachable(world, TIAGO, 1.0, 30.0, height=height).reached == passes
     if passes:
-        assert check_task(world, TIAGO, height=height) == pytest.approx(16.0, rel=1e-3)
+        assert check_task(world, ROUND, height=height) == pytest.approx(16.0, rel=1e-3)
     else:
         with pytest.raises(BadWorld, match="goal: no way leads"):
-            check_task(world, TIAGO, height=height)
+            check_task(world, ROUND, height=height)
 
 
 def test_a_lintel_leaves_the_door_below_it_as_wide_as_it_is():
@@ -150,20 +190,20 @@ def test_a_lintel_leaves_the_door_below_it_as_wide_as_it_is():
 
 def test_start_and_goal_may_lie_under_a_ceiling():
     ceiling = overhead(3.0, length=20.0)
-    assert check_task(hall(ceiling), TIAGO, height=1.262) == pytest.approx(16.0, rel=1e-3)
+    assert check_task(hall(ceiling), ROUND, height=1.262) == pytest.approx(16.0, rel=1e-3)
     pillar = Obstacle("pillar", Cylinder(18.1, 5.1, 0.3, 2.0))
     with pytest.raises(BadWorld, match=r"goal: \(18.1, 5.1\) is inside obstacles\[1\] \(a pillar\)"):
-        check_task(hall(ceiling, pillar), TIAGO, height=1.262)
+        check_task(hall(ceiling, pillar), ROUND, height=1.262)
     with pytest.raises(BadWorld, match=r"start: \(2.1, 5.1\) is inside obstacles\[0\] \(a wall\)"):
-        check_task(hall(overhead(1.0, length=20.0), pillar), TIAGO, height=1.262)
+        check_task(hall(overhead(1.0, length=20.0), pillar), ROUND, height=1.262)
 
 
 def test_a_mover_overhead_is_not_in_the_way():
     crane = replace(plug((2.1, 5.1)), parts=(MoverPart(Cylinder(0.0, 0.0, 0.6, 1.0, base=2.5)),))
-    assert check_task(hall(movers=(crane,)), TIAGO, height=1.262) == pytest.approx(16.0, rel=1e-3)
+    assert check_task(hall(movers=(crane,)), ROUND, height=1.262) == pytest.approx(16.0, rel=1e-3)
     assert reachable(hall(movers=(crane,)), TIAGO, 1.0, 30.0, height=1.262).reached
     with pytest.raises(BadWorld, match=r"start: movers\[0\]"):
-        check_task(hall(movers=(crane,)), TIAGO, height=2.6)
+        check_task(hall(movers=(crane,)), ROUND, height=2.6)
 
 
 def test_fairness_is_of_the_worlds_that_the_body_gets(monkeypatch):

@@ -5,10 +5,12 @@ from dataclasses import replace
 
 import pytest
 
+from tests.vuca_nav.rooms import disc_body
 from vuca_nav.errors import BadArgument, BadWorld, UnknownName
 from vuca_nav.types import Pose2
 from worlds import WORLDS, load_scene, make_world, save_scene
 from worlds.arrays import pack_shapes
+from worlds.checks import check_task
 from worlds.clearance import clearance_at
 from worlds.registry import CORRIDOR_KINDS, ordered_difficulties
 from worlds.scenes.parts.population import LARGEST_FOOTPRINT
@@ -180,8 +182,8 @@ def test_scene_file_by_path(tmp_path):
     assert make_world(path, 0, without="VC") == make_world("building", 2, without="VC")
     with pytest.raises(BadArgument, match="--region"):
         make_world(path, 0, region=1)
-    with pytest.raises(BadWorld, match=r"goal: no way leads from the start .* radius 0.9 m"):
-        make_world(path, 0, footprint_radius=0.9)
+    with pytest.raises(BadWorld, match=r"goal: no way leads from the start .* 1.90 m wide"):  # making it asks no body
+        check_task(make_world(path, 0), disc_body(0.9).footprint)
 
 
 def test_pillars_survive_an_open_floor():
