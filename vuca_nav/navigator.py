@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from vuca_nav.errors import BadArgument
 from vuca_nav.exploration.explorer import Explorer, ExplorerConfig
 from vuca_nav.exploration.heuristic import Critic, NoCritic
+from vuca_nav.footprint import cover_by_discs
 from vuca_nav.geometry import compose, distance, transform_points
 from vuca_nav.mapping.grid import OccupancyGrid
 from vuca_nav.mapping.slam import Slam, SlamConfig, SlamEstimate
@@ -38,6 +39,8 @@ class NavigatorConfig:
     """Rate at which the triggers are looked at [Hz]."""
     goal_tolerance: float = 0.05
     """Estimated distance at which the robot stops [m]: the rest of the mission's tolerance is left for SLAM's error."""
+    goal_error: float = 0.1
+    """Part of the mission's tolerance that is left for SLAM's error where a place beside the goal stands for it [m]."""
     goal_slack: float = 0.12
     """Distance beyond which the robot approaches again, should the estimate have changed [m]."""
     waypoint_reached: float = 0.5
@@ -96,6 +99,7 @@ class Navigator(Stack):
                 f"policy with rate={config.rate}"
             )
         self.body = body
+        self._discs = cover_by_discs(body.footprint)
         self.config = config
         self.telemetry = telemetry
         self.perception = Perception(lidar, config.perception, body, config.rate)
@@ -145,7 +149,7 @@ class Navigator(Stack):
         self.goal = None if goal is None else _checked_goal(goal)
         """Goal in the map [m]; None if there is none."""
         self.arrived = False
-        self.explorer.reset(self.goal or (0.0, 0.0))
+        self.explorer.reset(self.goal or (0.0, 0.0), max(self.tolerance - self.config.goal_error, 0.0))
         self.plan = no_plan(self.map_from_base)
         self._is_goal_new = True
         self._moved_from, self._moved_tick = self.map_from_base, self._tick
@@ -249,9 +253,7 @@ class Navigator(Stack):
         """Survey of the map for this body at its present pose."""
         moving_in_map = percept.moving.copy()
         moving_in_map[:, :2] = transform_points(estimate.map_from_base, percept.moving[:, :2])
-        return Survey(
-            estimate.navigation_grid, self.body.radius, estimate.map_from_base, moving_in_map, self.config.costmap
-        )
+        return Survey(estimate.navigation_grid, self._discs, estimate.map_from_base, moving_in_map, self.config.costmap)
 
     def _local_goal(self, percept: Percept, map_from_base: Pose2) -> LocalGoal | None:
         """The waypoint as the lower layer sees it; None if the body has to stand."""
@@ -259,7 +261,8 @@ class Navigator(Stack):
         if self.goal is None:
             return None
         stop = config.goal_slack if self.arrived else config.goal_tolerance
-        self.arrived = distance(map_from_base, self.goal) < self.stops_within(stop)
+        end = self.plan.waypoint_in_map if self.plan.is_final else self.goal
+        self.arrived = distance(map_from_base, end) < self.stops_within(stop)
         if self.arrived or not len(self.plan.path_in_map) or not percept.is_valid:
             return None
         waypoint = self.plan.waypoint_in_map

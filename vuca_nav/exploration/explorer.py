@@ -73,15 +73,21 @@ class Explorer:
     critic: Critic = field(default_factory=NoCritic)
     telemetry: Telemetry = field(default_factory=Telemetry)
     goal: tuple[float, float] = (0.0, 0.0)
+    goal_reach: float = 0.0
     target: Target | None = None
     _blacklist: list[tuple[float, float, float]] = field(default_factory=list)
     _chosen_at: float = -math.inf
     _entropy: float = 0.0
     _goal_was_known: bool = False
 
-    def reset(self, goal: tuple[float, float]) -> None:
-        """Start a mission to ``goal`` (in the map [m])."""
-        self.goal = goal
+    def reset(self, goal: tuple[float, float], goal_reach: float = 0.0) -> None:
+        """Start a mission.
+
+        Args:
+            goal: Goal in the map [m].
+            goal_reach: Distance from the goal of a place that stands for it where the body cannot stand on it [m].
+        """
+        self.goal, self.goal_reach = goal, goal_reach
         self.target = None
         self._blacklist = []
         self._chosen_at = -math.inf
@@ -160,8 +166,9 @@ class Explorer:
         self._chosen_at, self._entropy = now, grid.entropy
         self._goal_was_known = grid.state(*self.goal) != 0
         self._blacklist = [entry for entry in self._blacklist if entry[2] > now]
-        if paths.reaches(*self.goal):
-            self.target = Target(self.goal, self.goal, is_goal=True)
+        near = paths.nearest(*self.goal, self.goal_reach)
+        if near is not None:
+            self.target = Target(self.goal, near, is_goal=True)
             return self.target
         found = find_frontiers(costmap, paths, config.min_frontier, config.max_frontier, costmap.radius)
         if not len(found.points_in_map):

@@ -41,7 +41,7 @@ def find_frontiers(
         field: Paths from the robot.
         min_length: Frontiers of fewer cells than this length holds are noise [m].
         max_length: Longest piece that one candidate stands for [m].
-        clearance: Clearance that a boundary cell must have, as a rule the body's radius [m].
+        clearance: Clearance that a boundary cell must have, as a rule the costmap's ``radius`` [m].
 
     Returns:
         The candidates that the body can come near to.
@@ -50,7 +50,7 @@ def find_frontiers(
     cells = _candidates(
         costmap.state,
         costmap.clearance,
-        clearance / step * 5.0,
+        clearance / costmap.unit,
         field.cost,
         UNREACHED,
         max(1, round(min_length / step)),

@@ -6,11 +6,22 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vuca_nav.kernel_cache import njit
+from vuca_nav.footprint import size_of
 from vuca_nav.mapping.grid import OccupancyGrid
+from vuca_nav.planning.cells import (
+    HEADINGS,
+    Limits,
+    best_places,
+    chamfer,
+    coarsen,
+    fine_obstacles,
+    forget,
+    leave_out,
+    to_best_places,
+    weigh,
+)
 from vuca_nav.types import FloatArray
 
-UNKNOWN, FREE, OCCUPIED = 0, 1, 2
 NOTHING_MOVES: FloatArray = np.empty((0, 3))
 
 
@@ -20,12 +31,19 @@ class CostmapConfig:
 
     downsample: int = 2
     """Number of map cells to a costmap cell, each way: 0.05 m to 0.1 m."""
-    margin: float = 0.07
-    """Clearance of the footprint's circumscribed circle from an obstacle's cell that a path needs [m]."""
+    margin: float = 0.02
+    """Distance of the footprint from the centre of an obstacle's cell that a path needs [m]. The wall is within that
+    cell, on either side of its centre, and a noisy range puts it one cell too near at most: a way that leaves 0.05 m at
+    either side of the body stays open."""
+    turning: float = 0.12
+    """Distance beyond which the body may turn about: of its circumscribed circle from the centre of an obstacle's cell
+    [m]. What is nearer is tight."""
+    tight_weight: float = 6.0
+    """Extra cost of a path that touches the margin, per length, beyond that of one in which the body may just turn."""
     comfort: float = 0.75
     """Clearance beyond which obstacles cost nothing [m]."""
     comfort_weight: float = 3.0
-    """Extra cost of a path that touches the margin, per length; it falls linearly to 0 at ``comfort``."""
+    """Extra cost of a path in which the body may just turn, per length; it falls linearly to 0 at ``comfort``."""
     escape_radius: float = 0.6
     """Radius about the robot in which cells within the margin may be crossed, to leave a tight spot [m]."""
     own_cells: float = 0.25
@@ -41,7 +59,7 @@ class Costmap:
 
     Args:
         grid: The navigation grid.
-        radius: Radius of the body [m].
+        discs: (k, 3) discs that cover the body: x, y in base_link and radius [m].
         robot: Position of the robot in the map [m].
         config: Settings.
         moving: (m, 3) x, y in the map and radius of the tracks that surely move [m].
@@ -49,9 +67,15 @@ class Costmap:
 
     Attributes:
         state: (rows, columns) int8 of UNKNOWN, FREE, OCCUPIED.
-        clearance: (rows, columns) int16, distance to the nearest occupied cell in fifths of a cell, capped.
+        clearance: (rows, columns) int16, distance of the best place in a cell to the nearest occupied cell of the map,
+            in fifths of the map's cells, capped.
         weight: (rows, columns) int16, cost of entering a cell relative to ``UNIT``; 0 where a path must not go;
             ``escape_weight`` where it may only leave.
+        headings: (rows, columns) uint16, a bit for each of the ``HEADINGS`` in which the body fits into the cell.
+        fine: Clearances of the map's cells, a whole number of them to a cell each way, like ``clearance``.
+        unit: Unit of the clearances [m].
+        turning: Clearance from which the body may turn about, in that unit; cells with less are tight.
+        radius: Clearance that a cell at the edge of the known needs for the body to go on there [m].
         origin: Lower-left corner in the map [m].
     """
 
@@ -61,7 +85,7 @@ class Costmap:
     def __init__(
         self,
         grid: OccupancyGrid,
-        radius: float,
+        discs: FloatArray,
         robot: tuple[float, float],
         config: CostmapConfig,
         moving: FloatArray = NOTHING_MOVES,
@@ -77,34 +101,41 @@ class Costmap:
         i0, j0 = max(i0 - margin, 0), max(j0 - margin, 0)
         i1, j1 = min(i1 + margin + 1, rows), min(j1 + margin + 1, columns)
         self.origin = (grid.origin[0] + j0 * grid.resolution, grid.origin[1] + i0 * grid.resolution)
-        self.radius = radius
+        self.radius = float(discs[:, 2].max())
         level = np.ascontiguousarray(grid.level[i0:i1, j0:j1])
         self.state: NDArray[np.int8] = coarsen(level, config.downsample)
-        _leave_out(self.state, self.origin, step, moving, config.own_cells)
+        leave_out(self.state, self.origin, step, moving, config.own_cells)
         passable = self.state
         if doubting:
             passable = self.state.copy()
             certain = (level > 0) & ~grid.not_updated_for(config.memory)[i0:i1, j0:j1]
-            _forget(passable, certain, config.downsample, max(1, round(config.small / step)))
-        cap = math.ceil(config.comfort / step * 5.0) + 5
-        self.clearance: NDArray[np.int16] = chamfer(passable, cap)
-        # An occupied cell's surface is half a cell nearer than its centre.
-        lethal = (radius + config.margin + 0.5 * step) / step * 5.0
-        comfort = max(config.comfort / step * 5.0, lethal + 1.0)
-        self.lethal = lethal
-        robot_i, robot_j = self.cell(*robot)
-        self.escape_weight = int(self.UNIT * 2.0 * (1.0 + config.comfort_weight))
-        self.weight: NDArray[np.int16] = _weigh(
-            passable,
-            self.clearance,
-            lethal,
+            forget(passable, certain, config.downsample, max(1, round(config.small / step)))
+        unit = self.unit = grid.resolution / 5.0
+        self.turning = (size_of(discs) + config.turning) / unit
+        comfort = max(config.comfort / unit, self.turning + 1.0)
+        obstacles = fine_obstacles(passable, level, config.downsample)
+        self.fine: NDArray[np.int16] = chamfer(obstacles, math.ceil(comfort) + 5)
+        self.clearance: NDArray[np.int16] = best_places(self.fine, config.downsample)
+        limits = Limits(
+            (self.radius + config.margin) / unit,
+            self.turning,
             comfort,
+            config.tight_weight,
             config.comfort_weight,
             self.UNIT,
-            self.escape_weight,
-            robot_i,
-            robot_j,
-            config.escape_radius / step,
+            int(self.UNIT * 2.0 * (1.0 + config.comfort_weight + config.tight_weight)),
+            config.downsample,
+        )
+        self.escape_weight = limits.escape_weight
+        self.weight: NDArray[np.int16]
+        self.headings: NDArray[np.uint16]
+        self.weight, self.headings = weigh(
+            passable,
+            self.clearance,
+            self.fine,
+            _along_headings(discs) / grid.resolution,
+            limits,
+            (*self.cell(*robot), config.escape_radius / step),
         )
 
     def cell(self, x: float, y: float) -> tuple[int, int]:
@@ -113,6 +144,10 @@ class Costmap:
             math.floor((y - self.origin[1]) / self.resolution),
             math.floor((x - self.origin[0]) / self.resolution),
         )
+
+    def refine(self, points: FloatArray) -> None:
+        """Move points (n, 2) of a path, in place, to the best places of their cells where these are tight [m]."""
+        to_best_places(points, self.clearance, self.fine, self.turning, np.array(self.origin), self.resolution)
 
     def contains(self, i: int, j: int) -> bool:
         """Whether the cell lies inside the array."""
@@ -123,123 +158,8 @@ class Costmap:
         return (self.origin[0] + (j + 0.5) * self.resolution, self.origin[1] + (i + 0.5) * self.resolution)
 
 
-@njit(cache=True)
-def coarsen(level, factor):
-    """Coarsen a grid: a coarse cell is occupied if any of its cells is, free if half of them are."""
-    rows, columns = level.shape[0] // factor, level.shape[1] // factor
-    state = np.empty((rows, columns), np.int8)
-    free, occupied = np.empty(columns * factor, np.int32), np.empty(columns * factor, np.int32)
-    for i in range(rows):
-        free[:], occupied[:] = 0, 0
-        for a in range(factor * i, factor * (i + 1)):
-            line = level[a]
-            for j in range(columns * factor):
-                free[j] += line[j] < 0
-                occupied[j] += line[j] > 0
-        for j in range(columns):
-            num_free = num_occupied = 0
-            for b in range(factor * j, factor * (j + 1)):
-                num_free += free[b]
-                num_occupied += occupied[b]
-            state[i, j] = 2 if num_occupied > 0 else (1 if 2 * num_free >= factor * factor else 0)
-    return state
-
-
-@njit(cache=True)
-def _forget(state, certain, factor, most):
-    """Free the connected occupied cells that extend over at most ``most`` cells each way, none of them certain."""
-    rows, columns = state.shape
-    visited = np.zeros((rows, columns), np.bool_)
-    stack = np.empty((rows * columns, 2), np.int32)
-    for i0 in range(rows):
-        for j0 in range(columns):
-            if state[i0, j0] != 2 or visited[i0, j0]:
-                continue
-            visited[i0, j0] = True
-            stack[0, 0], stack[0, 1] = i0, j0
-            done, size = 0, 1
-            low_i, high_i, low_j, high_j, gone = i0, i0, j0, j0, True
-            while done < size:
-                i, j = stack[done, 0], stack[done, 1]
-                done += 1
-                low_i, high_i, low_j, high_j = min(low_i, i), max(high_i, i), min(low_j, j), max(high_j, j)
-                for a in range(factor * i, factor * (i + 1)):
-                    for b in range(factor * j, factor * (j + 1)):
-                        gone = gone and not certain[a, b]
-                for a in range(max(i - 1, 0), min(i + 2, rows)):
-                    for b in range(max(j - 1, 0), min(j + 2, columns)):
-                        if state[a, b] == 2 and not visited[a, b]:
-                            visited[a, b] = True
-                            stack[size, 0], stack[size, 1] = a, b
-                            size += 1
-            if gone and high_i - low_i < most and high_j - low_j < most:
-                for k in range(size):
-                    state[stack[k, 0], stack[k, 1]] = 1
-
-
-@njit(cache=True)
-def _leave_out(state, origin, resolution, moving, margin):
-    """Free the cells that moving tracks occupy."""
-    for track in moving:
-        reach = (track[2] + margin) / resolution
-        middle_j, middle_i = (track[0] - origin[0]) / resolution - 0.5, (track[1] - origin[1]) / resolution - 0.5
-        for i in range(max(int(middle_i - reach), 0), min(int(middle_i + reach) + 2, state.shape[0])):
-            for j in range(max(int(middle_j - reach), 0), min(int(middle_j + reach) + 2, state.shape[1])):
-                if state[i, j] == 2 and (i - middle_i) ** 2 + (j - middle_j) ** 2 <= reach * reach:
-                    state[i, j] = 1
-
-
-@njit(cache=True)
-def chamfer(state, cap):
-    """Distance to the nearest occupied cell by the 5-7 chamfer (Borgefors 1986), at most 8% too far, capped."""
-    rows, columns = state.shape
-    d = np.empty((rows, columns), np.int16)
-    # Each row takes first from the row before, which vectorises, then from its own neighbour.
-    before = np.full(columns + 2, cap, np.int16)
-    for i in range(rows):
-        here = d[i]
-        left, middle, right = before[:columns], before[1 : columns + 1], before[2:]
-        for j in range(columns):
-            least = min(min(min(left[j], right[j]) + 7, middle[j] + 5), cap)
-            here[j] = 0 if state[i, j] == 2 else least
-        least = cap
-        for j in range(columns):
-            least = min(least + 5, here[j])
-            here[j] = least
-        before[1 : columns + 1] = here
-    before[:] = cap
-    for i in range(rows - 1, -1, -1):
-        here = d[i]
-        left, middle, right = before[:columns], before[1 : columns + 1], before[2:]
-        for j in range(columns):
-            here[j] = min(min(min(left[j], right[j]) + 7, middle[j] + 5), here[j])
-        least = cap
-        for j in range(columns - 1, -1, -1):
-            least = min(least + 5, here[j])
-            here[j] = least
-        before[1 : columns + 1] = here
-    return d
-
-
-@njit(cache=True)
-def _weigh(state, clearance, lethal, comfort, comfort_weight, unit, escape_weight, robot_i, robot_j, escape):
-    """Weigh each cell by its clearance: the cost of entering it, 0 where a path must not go."""
-    rows, columns = state.shape
-    weight = np.zeros((rows, columns), np.int16)
-    for i in range(rows):
-        for j in range(columns):
-            if state[i, j] != 1:
-                continue
-            c = clearance[i, j]
-            if c >= comfort:
-                weight[i, j] = unit
-            elif c >= lethal:
-                weight[i, j] = int(unit * (1.0 + comfort_weight * (comfort - c) / (comfort - lethal)))
-            elif (i - robot_i) ** 2 + (j - robot_j) ** 2 <= escape * escape:
-                weight[i, j] = escape_weight
-    # Under the robot it is free by definition, whatever the map says.
-    for i in range(max(robot_i - 2, 0), min(robot_i + 3, rows)):
-        for j in range(max(robot_j - 2, 0), min(robot_j + 3, columns)):
-            if weight[i, j] == 0:
-                weight[i, j] = escape_weight
-    return weight
+def _along_headings(discs: FloatArray) -> FloatArray:
+    """Centres of the discs for each of the headings, (HEADINGS, k, 2) [m]."""
+    angles = np.arange(HEADINGS) * (2.0 * np.pi / HEADINGS)
+    c, s = np.cos(angles)[:, None], np.sin(angles)[:, None]
+    return np.stack([c * discs[:, 0] - s * discs[:, 1], s * discs[:, 0] + c * discs[:, 1]], axis=-1)

@@ -1,9 +1,12 @@
 """Shortest paths from the robot to everywhere: one Dijkstra field answers the explorer and the planner."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from vuca_nav.kernel_cache import njit
+from vuca_nav.planning.cells import HEADINGS
 from vuca_nav.planning.costmap import Costmap
 from vuca_nav.types import FloatArray
 
@@ -13,6 +16,15 @@ UNREACHED = np.int32(2**31 - 1)
 _DI = np.array([0, 0, 1, -1, 1, 1, -1, -1], np.int64)
 _DJ = np.array([1, -1, 0, 0, 1, -1, 1, -1], np.int64)
 _LENGTH = np.array([5, 5, 5, 5, 7, 7, 7, 7], np.int64)
+
+
+def _headings_along(di: NDArray[np.int64], dj: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Bits of the headings of the body along each step: the step's own and its two neighbours, 22.5 degrees to it."""
+    own = np.round(np.arctan2(di, dj) / (2.0 * np.pi / HEADINGS)).astype(np.int64)
+    return sum(1 << ((own + off) % HEADINGS) for off in (-1, 0, 1))
+
+
+_ALONG = _headings_along(_DI, _DJ)
 
 
 class PathField:
@@ -27,7 +39,7 @@ class PathField:
         self.start = start
         i, j = costmap.cell(*start)
         if costmap.contains(i, j):
-            self.cost, self._came_by = _dijkstra(costmap.weight, i, j, _DI, _DJ, _LENGTH)
+            self.cost, self._came_by = _dijkstra(costmap.weight, costmap.headings, (i, j), (_DI, _DJ, _LENGTH, _ALONG))
         else:
             self.cost: NDArray[np.int32] = np.full(costmap.weight.shape, UNREACHED, np.int32)
             self._came_by = np.full(costmap.weight.shape, -1, np.int8)
@@ -36,6 +48,28 @@ class PathField:
         """Whether a path leads to this point of the map."""
         i, j = self.costmap.cell(x, y)
         return self.costmap.contains(i, j) and bool(self.cost[i, j] != UNREACHED)
+
+    def nearest(self, x: float, y: float, reach: float) -> tuple[float, float] | None:
+        """The point itself if a path leads to it, else the nearest place within reach to which one does.
+
+        Args:
+            x: Of the point in the map [m].
+            y: Of the point in the map [m].
+            reach: Greatest distance of the place [m].
+        """
+        if self.reaches(x, y):
+            return x, y
+        middle_i, middle_j = self.costmap.cell(x, y)
+        cells = math.ceil(reach / self.costmap.resolution)
+        found: list[tuple[float, tuple[float, float]]] = []
+        for i in range(middle_i - cells, middle_i + cells + 1):
+            for j in range(middle_j - cells, middle_j + cells + 1):
+                if self.costmap.contains(i, j) and self.cost[i, j] != UNREACHED:
+                    point = self.costmap.point(i, j)
+                    away = math.dist(point, (x, y))
+                    if away <= reach:
+                        found.append((away, point))
+        return min(found)[1] if found else None
 
     def path_to(self, x: float, y: float) -> FloatArray:
         """The cheapest path from the start to the point itself, (n, 2) [m]; (0, 2) if there is none."""
@@ -46,6 +80,7 @@ class PathField:
         points = (cells[::-1, ::-1].astype(np.float64) + 0.5) * self.costmap.resolution + np.array(self.costmap.origin)
         if len(points) == 1:
             return np.array([self.start, (x, y)])
+        self.costmap.refine(points)
         points[0], points[-1] = self.start, (x, y)
         return points
 
@@ -71,24 +106,29 @@ class PathField:
 
 
 @njit(cache=True)
-def _dijkstra(weight, start_i, start_j, di, dj, length):
+def _dijkstra(weight, headings, start, steps_of):
     """Find all cheapest paths by Dial's algorithm: integer costs, a ring of buckets, each a linked list of entries.
+
+    A step leads on where the body fits into both cells along one heading that is the step's own, nearly.
 
     Returns:
         (rows, columns) int32 costs, and (rows, columns) int8 index of the step by which each cell was reached, -1 where
         there is none. Of equally cheap paths the one found first stays.
     """
+    (start_i, start_j), (di, dj, length, along) = start, steps_of
     rows, columns = weight.shape
     # A border that no path enters saves asking for the array's ends; cells are numbered row by row.
     width = columns + 2
     size = (rows + 2) * width
     weights = np.zeros(size, np.int32)
+    fits = np.zeros(size, np.uint16)
     max_weight = 1
     for i in range(rows):
         row = (i + 1) * width + 1
         for j in range(columns):
             w = weight[i, j]
             weights[row + j] = w
+            fits[row + j] = headings[i, j]
             max_weight = max(max_weight, w)
     offsets, turns, aside = np.empty(8, np.int64), np.empty(8, np.int64), np.empty(8, np.int64)
     for k in range(8):
@@ -101,9 +141,9 @@ def _dijkstra(weight, start_i, start_j, di, dj, length):
     entry_cell = np.empty(4 * rows * columns + 8, np.int32)
     entry_next = np.empty(4 * rows * columns + 8, np.int32)
     free_entry = -1  # entries that were taken out are used again
-    start = (start_i + 1) * width + start_j + 1
-    costs[start] = 0
-    entry_cell[0], entry_next[0] = start, -1
+    first = (start_i + 1) * width + start_j + 1
+    costs[first] = 0
+    entry_cell[0], entry_next[0] = first, -1
     head[0] = 0
     used = 1
     waiting = 1
@@ -125,6 +165,8 @@ def _dijkstra(weight, start_i, start_j, di, dj, length):
                     continue
                 new = current + length[k] * w
                 if new >= costs[other]:
+                    continue
+                if fits[cell] & fits[other] & along[k] == 0:
                     continue
                 if k >= 4 and (weights[cell + aside[k]] == 0 or weights[cell + turns[k]] == 0):
                     continue  # no cutting of corners

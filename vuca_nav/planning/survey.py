@@ -13,21 +13,26 @@ class Survey:
 
     Args:
         grid: The navigation grid.
-        radius: Radius of the body [m].
+        discs: (k, 3) discs that cover the body [m].
         map_from_base: Pose of the body.
         moving_in_map: (m, 3) x, y and radius of the tracks that surely move [m]: they bar no path.
         config: Settings of the costmap.
     """
 
     def __init__(
-        self, grid: OccupancyGrid, radius: float, map_from_base: Pose2, moving_in_map: FloatArray, config: CostmapConfig
+        self,
+        grid: OccupancyGrid,
+        discs: FloatArray,
+        map_from_base: Pose2,
+        moving_in_map: FloatArray,
+        config: CostmapConfig,
     ):
         self.grid, self.map_from_base = grid, map_from_base
         position = map_from_base.x, map_from_base.y
 
         @cache
         def paths(doubting: bool) -> PathField:
-            return PathField(Costmap(grid, radius, position, config, moving_in_map, doubting), position)
+            return PathField(Costmap(grid, discs, position, config, moving_in_map, doubting), position)
 
         self._paths = paths
 

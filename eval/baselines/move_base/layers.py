@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from eval.baselines.move_base.config import LayersConfig
 from vuca_nav.kernel_cache import njit
 from vuca_nav.mapping.grid import OccupancyGrid
-from vuca_nav.planning.costmap import OCCUPIED, UNKNOWN, Costmap, chamfer, coarsen
+from vuca_nav.planning.cells import ALL_HEADINGS, OCCUPIED, UNKNOWN, chamfer, coarsen
+from vuca_nav.planning.costmap import Costmap
 from vuca_nav.planning.paths import PathField
 from vuca_nav.planning.survey import Survey
 from vuca_nav.types import BodySpec, FloatArray, Pose2
@@ -121,8 +122,10 @@ class LayeredCostmap(Costmap):
         self.state = coarsen(_window(grid.level, obstacles.marks, (i0, j0, i1 + 1, j1 + 1)), config.downsample)
         inscribed = inscribed_radius(body.footprint)
         cap = math.ceil(max(config.inflation_radius, body.radius + 0.2) / step * 5.0) + 5
-        self.clearance = chamfer(self.state, cap)
-        self.lethal = (inscribed + 0.5 * step) / step * 5.0
+        # navfn plans for a point in the inflated grid: every heading fits, and no place is tight.
+        self.clearance = self.fine = chamfer(self.state, cap)
+        self.headings = np.full(self.state.shape, ALL_HEADINGS, np.uint16)
+        self.unit, self.turning = step / 5.0, 0.0
         self.escape_weight = round(self.UNIT * 2.0 * (1.0 + _FACTOR * _INSCRIBED / _NEUTRAL))
         inflation = _Inflation(
             inscribed,

@@ -124,7 +124,7 @@ class MoveBase(Stack):
         else:
             path = paths.path_to(*target.approach)
             ahead = _cut(path, self.config.look_ahead)
-            waypoint = farthest_free_waypoint(costmap, ahead, position)
+            waypoint = farthest_free_waypoint(costmap, ahead, position, nearest=0.0)
             final = target.is_goal and waypoint == target.approach
             self.plan = type(self.plan)(path, waypoint, final)
         self.telemetry.path(self.plan.path_in_map)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tests.vuca_nav.planning.test_planning import as_grid, hall
+from tests.vuca_nav.planning.test_planning import DISC, as_grid, hall
 from tests.vuca_nav.rooms import LIDAR, NOTHING, REST
 from vuca_nav.exploration.explorer import Explorer, ExplorerConfig, Target
 from vuca_nav.exploration.frontiers import find_frontiers
@@ -31,7 +31,7 @@ def percept_at(stamp: float) -> Percept:
 
 
 def survey_of(picture: np.ndarray) -> Survey:
-    return Survey(as_grid(picture), 0.3, HERE, np.empty((0, 3)), CostmapConfig())
+    return Survey(as_grid(picture), DISC, HERE, np.empty((0, 3)), CostmapConfig())
 
 
 def choose(explorer: Explorer, now: float, survey: Survey) -> Target | None:
@@ -41,7 +41,7 @@ def choose(explorer: Explorer, now: float, survey: Survey) -> Target | None:
 
 def view(picture: np.ndarray, robot=(3.0, 2.0)):
     grid = as_grid(picture)
-    costmap = Costmap(grid, 0.3, robot, CostmapConfig())
+    costmap = Costmap(grid, DISC, robot, CostmapConfig())
     return grid, costmap, PathField(costmap, robot)
 
 
@@ -271,7 +271,7 @@ class Asked(Survey):
     """Keeps how paths were asked for."""
 
     def __init__(self, picture: np.ndarray):
-        super().__init__(as_grid(picture), 0.3, HERE, np.empty((0, 3)), CostmapConfig())
+        super().__init__(as_grid(picture), DISC, HERE, np.empty((0, 3)), CostmapConfig())
         self.doubts: list[bool] = []
 
     def paths(self, *, doubting: bool = False) -> PathField:
@@ -409,3 +409,17 @@ def test_what_was_given_up_follows_the_map():
     third = choose(explorer, 1.0 + explorer.config.blacklist_time + 0.1, survey)
     assert third is not None
     assert third.point == pytest.approx(UPPER, abs=0.25)
+
+
+def test_a_place_stands_for_a_goal_beside_a_wall():
+    explorer = Explorer(ExplorerConfig())
+    goal = (0.3, 2.0)  # 0.2 m from the wall; the body's radius is 0.3 m
+    explorer.reset(goal, 0.2)
+    target = choose(explorer, 0.0, survey_of(hall(60, 40)))
+    assert target is not None
+    assert target.is_goal
+    assert target.point == goal
+    assert np.hypot(target.approach[0] - goal[0], target.approach[1] - goal[1]) <= 0.2
+    explorer.reset(goal, 0.05)
+    target = choose(explorer, 0.0, survey_of(hall(60, 40)))
+    assert target is None or not target.is_goal

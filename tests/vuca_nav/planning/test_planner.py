@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.vuca_nav.planning.test_planning import as_grid, hall
+from tests.vuca_nav.planning.test_planning import DISC, as_grid, hall
 from vuca_nav.geometry import inverse, transform_points
 from vuca_nav.planning.costmap import CostmapConfig
 from vuca_nav.planning.planner import Planner, no_plan
@@ -33,7 +33,7 @@ class Told(Telemetry):
 
 
 def survey_of(picture, moving=NONE_MOVES) -> Survey:
-    return Survey(as_grid(picture), 0.3, HERE, moving, CostmapConfig())
+    return Survey(as_grid(picture), DISC, HERE, moving, CostmapConfig())
 
 
 def walled() -> np.ndarray:
