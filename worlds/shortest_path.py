@@ -169,7 +169,8 @@ def shortest_path_length(world: World, radius: float, height: float = TALLEST, t
 
 
 def _path_on_grid(world: World, grid: Occupancy, radius: float, tolerance: float) -> FloatArray:
-    free, _ = ndimage.label(~grid.blocked, np.ones((3, 3)))
+    found = ndimage.label(~grid.blocked, np.ones((3, 3)))
+    free: NDArray[np.int32] = found[0]  # type: ignore[index]
     start = _free_cell(grid, world.start[:2], ~grid.blocked, radius)
     if start is None:
         return np.empty((0, 2))

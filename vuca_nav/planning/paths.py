@@ -21,7 +21,7 @@ _LENGTH = np.array([5, 5, 5, 5, 7, 7, 7, 7], np.int64)
 def _headings_along(di: NDArray[np.int64], dj: NDArray[np.int64]) -> NDArray[np.int64]:
     """Bits of the headings of the body along each step: the step's own and its two neighbours, 22.5 degrees to it."""
     own = np.round(np.arctan2(di, dj) / (2.0 * np.pi / HEADINGS)).astype(np.int64)
-    return sum(1 << ((own + off) % HEADINGS) for off in (-1, 0, 1))
+    return np.bitwise_or.reduce([1 << ((own + off) % HEADINGS) for off in (-1, 0, 1)])
 
 
 _ALONG = _headings_along(_DI, _DJ)
