@@ -49,6 +49,8 @@ class MethodConfig:
     """Weights file of the network."""
     gate: Gate | None = None
     """Source of the shares of the network's experts; None for a network of a single expert."""
+    hands_over: bool = False
+    """Whether the dynamic window drives in ways narrower than those that networks are trained on."""
     shield: bool = False
     """Whether a shield filters the controller's commands."""
     critic: Path | Literal["own-value"] | None = None
@@ -68,6 +70,8 @@ class MethodConfig:
         """Raises BadArgument for a controller without its weights, and for parts that do not go together."""
         if (self.controller == "network") != (self.weights is not None):
             raise BadArgument(f"controller {self.controller!r} with weights {self.weights}: only a network has them")
+        if self.hands_over and self.weights is None:
+            raise BadArgument("hands_over goes with weights, which are not given")
         for name, needs in (("gate", "weights"), ("gamma", "critic"), ("critic", "explorer")):
             if getattr(self, name) is not None and getattr(self, needs) is None:
                 raise BadArgument(f"{name} goes with {needs}, which are not given")

@@ -27,6 +27,7 @@ from vuca_nav.exploration.explorer import ExplorerConfig
 from vuca_nav.mapping.slam import SlamConfig
 from vuca_nav.navigator import Navigator, NavigatorConfig
 from vuca_nav.policy.dynamic_window import DynamicWindow, DynamicWindowConfig
+from vuca_nav.policy.handover import Handover
 from vuca_nav.policy.learned import LearnedPolicy
 from vuca_nav.policy.network import Gate, PolicyNetwork
 from vuca_nav.policy.weights_file import WEIGHTS_FOLDER, load_weights
@@ -73,13 +74,16 @@ METHODS: dict[str, Method] = {
         _network(
             "fusion-plus",
             gate=Gate(),
+            hands_over=True,
             shield=True,
             critic=SHIPPED,
             explorer=ExplorerSettings(rate=CRITIC_RATE),
             gamma=GAMMA,
         ),
     ),
-    "ours-dh": Method("the full system without V^h", _network("fusion-plus", gate=Gate(), shield=True)),
+    "ours-dh": Method(
+        "the full system without V^h", _network("fusion-plus", gate=Gate(), hands_over=True, shield=True)
+    ),
     "paper": Method(
         "the paper's system as printed: fusion, unshielded; frontiers by D^h and its own V^h, normalised",
         _network("paper", gate=Gate(), critic=OWN_VALUE, explorer=PAPER_EXPLORER, gamma=PAPER_GAMMA, tracks="map"),
@@ -341,7 +345,7 @@ def stack_config(method: MethodConfig, localisation: Literal["slam", "odometry"]
         look_ahead=chooses.look_ahead,
     )
     return StackConfig(
-        window=DynamicWindowConfig() if method.weights is None else None,
+        window=DynamicWindowConfig() if method.weights is None or method.hands_over else None,
         weights=method.weights,
         gate=method.gate or Gate(),
         shield=ShieldConfig() if method.shield else None,
@@ -377,6 +381,9 @@ def settings_of(method: AnyConfig, body: BodySpec, lidar: LidarSpec) -> dict[str
     settings: dict[str, Any] = {"navigator": asdict(navigator.config)}
     if isinstance(policy, Shield):
         settings["shield"] = asdict(policy.config)
+        policy = policy.policy
+    if isinstance(policy, Handover):
+        settings["dynamic_window"] = asdict(policy.window.config)
         policy = policy.policy
     if isinstance(policy, DynamicWindow):
         settings["dynamic_window"] = asdict(policy.config)

@@ -10,6 +10,7 @@ from vuca_nav.exploration.heuristic import NoCritic
 from vuca_nav.navigator import Navigator, NavigatorConfig
 from vuca_nav.policy.base import LocalPolicy
 from vuca_nav.policy.dynamic_window import DynamicWindow, DynamicWindowConfig
+from vuca_nav.policy.handover import Handover
 from vuca_nav.policy.learned import LearnedPolicy
 from vuca_nav.policy.network import LEARNED_GATE, Gate
 from vuca_nav.policy.weights_file import PolicyWeights, load_weights
@@ -26,7 +27,7 @@ class StackConfig:
     """A stack in full: every setting of every stage; a field that is None is a stage that the stack does without."""
 
     window: DynamicWindowConfig | None = None
-    """The dynamic window, where that is the local controller."""
+    """The dynamic window, where that is the local controller; with weights, the controller in narrow ways alone."""
     weights: Path | None = None
     """Weights file of the network, where that is the local controller."""
     gate: Gate = LEARNED_GATE
@@ -42,9 +43,9 @@ class StackConfig:
     """Rates, and the settings of the other stages. Perception remembers at least as long as the networks look back."""
 
     def __post_init__(self) -> None:
-        """Raise BadArgument unless there is one local controller, with what goes with it."""
-        if (self.window is None) == (self.weights is None):
-            raise BadArgument("a stack has either a dynamic window or the weights of a network, not both or neither")
+        """Raise BadArgument unless there is a local controller, with what goes with it."""
+        if self.window is None and self.weights is None:
+            raise BadArgument("a stack has a dynamic window, the weights of a network, or both; neither is given")
         if self.critic == OWN_VALUE and self.weights is None:
             raise BadArgument(f"critic {OWN_VALUE!r} goes with weights, which are not given")
 
@@ -75,6 +76,8 @@ def build_navigator(
     settings = replace(settings, perception=perception)
     if weights is not None:
         policy: LocalPolicy = LearnedPolicy(body, lidar, weights, config.gate, telemetry, settings.rate)
+        if config.window is not None:
+            policy = Handover(policy, DynamicWindow(body, lidar, config.window, rate=settings.rate))
     else:
         policy = DynamicWindow(body, lidar, config.window or DynamicWindowConfig(), rate=settings.rate)
     if config.shield is not None:

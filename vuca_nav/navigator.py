@@ -49,6 +49,11 @@ class NavigatorConfig:
     """Time after which a target is given up if the robot has not moved ``stuck_distance`` [s]."""
     stuck_distance: float = 0.5
     """[m]"""
+    narrow: float = 1.1
+    """Width of the path, on the map, below which it is narrow [m]: networks are trained among gaps of 1.1 m and more
+    (``worlds.scenes.training.GAP``), which cells of the map make up to 0.1 m narrower."""
+    narrow_reach: float = 2.0
+    """Distance from the robot within which a narrow path counts [m]."""
     direct: bool = False
     """Whether the local policy heads for the goal itself: nothing is explored, and no path is planned."""
     perception: PerceptionConfig = field(default_factory=PerceptionConfig)
@@ -268,7 +273,8 @@ class Navigator(Stack):
         waypoint = self.plan.waypoint_in_map
         c, s = math.cos(map_from_base.yaw), math.sin(map_from_base.yaw)
         dx, dy = waypoint[0] - map_from_base.x, waypoint[1] - map_from_base.y
-        return LocalGoal((c * dx + s * dy, -s * dx + c * dy), self.plan.is_final)
+        width = 2.0 * self.plan.narrowest(map_from_base[:2], config.narrow_reach)
+        return LocalGoal((c * dx + s * dy, -s * dx + c * dy), self.plan.is_final, width < config.narrow)
 
     def _is_stuck(self, pose: Pose2) -> bool:
         if distance(pose, self._moved_from) > self.config.stuck_distance:

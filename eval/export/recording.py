@@ -10,6 +10,7 @@ from eval.episode import Episode, EpisodeConfig
 from vuca_nav.build import StackConfig, build_navigator
 from vuca_nav.deploy.steps import StepsRecorder
 from vuca_nav.exploration.critic import CriticNetwork, LearnedCritic
+from vuca_nav.policy.handover import Handover
 from vuca_nav.policy.learned import LearnedPolicy
 from vuca_nav.policy.network import Network
 from vuca_nav.shield.shield import Shield
@@ -64,7 +65,8 @@ def record_steps(
 def _listen(navigator: Stack, recorder: StepsRecorder) -> bool:
     """Have a stack's networks tell the recorder what they see and say; returns whether a network drives."""
     policy: Any = getattr(navigator, "policy", None)
-    policy = policy.policy if isinstance(policy, Shield) else policy
+    while isinstance(policy, Shield | Handover):
+        policy = policy.policy
     critic: Any = getattr(getattr(navigator, "explorer", None), "critic", None)
     if isinstance(critic, LearnedCritic):
         critic.network = _HeardCritic(critic.network, recorder)

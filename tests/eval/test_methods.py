@@ -42,6 +42,7 @@ from vuca_nav.files import prepare_file
 from vuca_nav.navigator import Navigator
 from vuca_nav.perception.perception import PerceptionConfig
 from vuca_nav.policy.dynamic_window import DynamicWindow
+from vuca_nav.policy.handover import Handover
 from vuca_nav.policy.learned import LearnedPolicy
 from vuca_nav.policy.network import Gate
 from vuca_nav.policy.observation import ObservationConfig
@@ -86,6 +87,7 @@ def test_the_table():
         "controller": "network",
         "weights": "fusion-plus",
         "gate": {"uniform": False, "without": None},
+        "hands_over": True,
         "shield": True,
         "critic": "critic",
         "explorer": {"score": "metres", "rate": 1.0, "hysteresis": 3.0, "look_ahead": 4.0},
@@ -103,6 +105,9 @@ def test_every_method_of_the_table_can_be_built(name):
     assert isinstance(navigator.policy, Shield) == config.shield
     assert isinstance(navigator.explorer.critic, NoCritic) == (config.critic is None)
     policy = navigator.policy.policy if isinstance(navigator.policy, Shield) else navigator.policy
+    assert isinstance(policy, Handover) == config.hands_over
+    if isinstance(policy, Handover):
+        policy = policy.policy
     assert isinstance(policy, DynamicWindow if config.controller == "dynamic-window" else LearnedPolicy)
     if isinstance(policy, LearnedPolicy):
         assert policy.network.weights.path == config.weights
@@ -130,7 +135,7 @@ def test_what_the_methods_differ_in(weights):
 
 
 def test_knock_outs_are_options():
-    assert resolve("ours-dh", MethodOptions(no_shield=True)) == resolve("fusion-plus")
+    assert resolve("ours-dh", MethodOptions(no_shield=True)) == replace(configured("fusion-plus"), hands_over=True)
     uniform = built("fusion", gate="uniform").policy
     assert isinstance(uniform, LearnedPolicy)
     assert uniform.network.gate == Gate(uniform=True)

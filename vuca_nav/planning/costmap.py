@@ -38,7 +38,7 @@ class CostmapConfig:
     turning: float = 0.12
     """Distance beyond which the body may turn about: of its circumscribed circle from the centre of an obstacle's cell
     [m]. What is nearer is tight."""
-    tight_weight: float = 6.0
+    tight_weight: float = 15.0
     """Extra cost of a path that touches the margin, per length, beyond that of one in which the body may just turn."""
     comfort: float = 0.75
     """Clearance beyond which obstacles cost nothing [m]."""
@@ -81,6 +81,9 @@ class Costmap:
 
     UNIT = 4
     """Weight of a cell with a clearance of ``comfort`` or more."""
+
+    leaves_only = True
+    """Whether paths may use cells of ``escape_weight`` only to leave a tight spot, away from obstacles."""
 
     def __init__(
         self,
@@ -148,6 +151,16 @@ class Costmap:
     def refine(self, points: FloatArray) -> None:
         """Move points (n, 2) of a path, in place, to the best places of their cells where these are tight [m]."""
         to_best_places(points, self.clearance, self.fine, self.turning, np.array(self.origin), self.resolution)
+
+    def clearances_at(self, points: FloatArray) -> FloatArray:
+        """Distance of the best place of each point's cell to the nearest obstacle, capped, (n,) [m].
+
+        Args:
+            points: (n, 2) in the map [m].
+        """
+        rows = np.floor((points[:, 1] - self.origin[1]) / self.resolution).astype(np.int64)
+        columns = np.floor((points[:, 0] - self.origin[0]) / self.resolution).astype(np.int64)
+        return self.clearance[rows, columns] * self.unit
 
     def contains(self, i: int, j: int) -> bool:
         """Whether the cell lies inside the array."""

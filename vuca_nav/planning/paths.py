@@ -39,7 +39,9 @@ class PathField:
         self.start = start
         i, j = costmap.cell(*start)
         if costmap.contains(i, j):
-            self.cost, self._came_by = _dijkstra(costmap.weight, costmap.headings, (i, j), (_DI, _DJ, _LENGTH, _ALONG))
+            grids = costmap.weight, costmap.headings, costmap.clearance
+            escape = costmap.escape_weight if costmap.leaves_only else 0
+            self.cost, self._came_by = _dijkstra(grids, (i, j), (_DI, _DJ, _LENGTH, _ALONG), escape)
         else:
             self.cost: NDArray[np.int32] = np.full(costmap.weight.shape, UNREACHED, np.int32)
             self._came_by = np.full(costmap.weight.shape, -1, np.int8)
@@ -106,15 +108,17 @@ class PathField:
 
 
 @njit(cache=True)
-def _dijkstra(weight, headings, start, steps_of):
+def _dijkstra(grids, start, steps_of, escape):
     """Find all cheapest paths by Dial's algorithm: integer costs, a ring of buckets, each a linked list of entries.
 
-    A step leads on where the body fits into both cells along one heading that is the step's own, nearly.
+    A step leads on where the body fits into both cells along one heading that is the step's own, nearly. Cells of the
+    weight ``escape`` are entered from such cells alone, and not to get nearer to an obstacle.
 
     Returns:
         (rows, columns) int32 costs, and (rows, columns) int8 index of the step by which each cell was reached, -1 where
         there is none. Of equally cheap paths the one found first stays.
     """
+    weight, headings, clearance = grids
     (start_i, start_j), (di, dj, length, along) = start, steps_of
     rows, columns = weight.shape
     # A border that no path enters saves asking for the array's ends; cells are numbered row by row.
@@ -122,6 +126,7 @@ def _dijkstra(weight, headings, start, steps_of):
     size = (rows + 2) * width
     weights = np.zeros(size, np.int32)
     fits = np.zeros(size, np.uint16)
+    clear = np.zeros(size, np.int16)
     max_weight = 1
     for i in range(rows):
         row = (i + 1) * width + 1
@@ -129,6 +134,7 @@ def _dijkstra(weight, headings, start, steps_of):
             w = weight[i, j]
             weights[row + j] = w
             fits[row + j] = headings[i, j]
+            clear[row + j] = clearance[i, j]
             max_weight = max(max_weight, w)
     offsets, turns, aside = np.empty(8, np.int64), np.empty(8, np.int64), np.empty(8, np.int64)
     for k in range(8):
@@ -167,6 +173,8 @@ def _dijkstra(weight, headings, start, steps_of):
                 if new >= costs[other]:
                     continue
                 if fits[cell] & fits[other] & along[k] == 0:
+                    continue
+                if w == escape and (weights[cell] != escape or clear[other] < clear[cell]):
                     continue
                 if k >= 4 and (weights[cell + aside[k]] == 0 or weights[cell + turns[k]] == 0):
                     continue  # no cutting of corners

@@ -1,6 +1,7 @@
 """The plan stage: a path to the target and the waypoint on it (Zhang et al., Section III-C, waypoint planning)."""
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -22,6 +23,21 @@ class Plan:
     """[m]"""
     is_final: bool = False
     """Whether the waypoint is the goal itself."""
+    clearances: FloatArray = field(default_factory=lambda: np.empty(0))
+    """(n,) distance of each point of the path to the nearest obstacle, capped [m]; (0,) where no map was asked."""
+
+    def narrowest(self, place: tuple[float, float], reach: float) -> float:
+        """Least clearance of the path about a place [m]; ``inf`` where no path is known there.
+
+        Args:
+            place: The place in the map [m].
+            reach: Distance from it within which the path counts [m].
+        """
+        path, clearances = self.path_in_map, self.clearances
+        if not len(clearances):
+            return math.inf
+        near = np.hypot(path[:, 0] - place[0], path[:, 1] - place[1]) <= reach
+        return float(clearances[near].min()) if near.any() else math.inf
 
     def moved(self, map_correction: Pose2) -> "Plan":
         """The plan after the map has moved."""
@@ -71,7 +87,8 @@ class Planner:
         else:
             path = paths.path_to(*target.approach)
             waypoint = farthest_free_waypoint(paths.costmap, path, paths.start)
-            plan = Plan(path, waypoint, target.is_goal and waypoint == target.approach)
+            is_final = target.is_goal and waypoint == target.approach
+            plan = Plan(path, waypoint, is_final, paths.costmap.clearances_at(path))
         telemetry.path(plan.path_in_map)
         telemetry.waypoint(plan.waypoint_in_map)
         return plan

@@ -14,6 +14,8 @@ class LocalGoal(NamedTuple):
     """The waypoint [m]."""
     is_final: bool
     """Whether it is the goal itself, at which to slow down and stop."""
+    is_narrow: bool = False
+    """Whether the way to it is narrow about the robot: narrower than any that networks are trained on."""
 
 
 class LocalPolicy(ABC):

@@ -173,6 +173,12 @@ class DynamicWindow(LocalPolicy):
         self._since_progress = STANDING
         self._waited = self._escaping = 0.0
 
+    def follow(self, command: VelocityCommand) -> None:
+        """Take in a command that another policy gave the body."""
+        self._last = command
+        self._since_progress, self._waited, self._escaping = STANDING, 0.0, 0.0
+        self._delay.add(command)
+
     def command(self, percept: Percept, goal: LocalGoal | None) -> VelocityCommand:
         """The best pair of the window.
 

@@ -95,6 +95,9 @@ class LayeredCostmap(Costmap):
         config: Settings.
     """
 
+    leaves_only = False
+    """navfn crosses whatever is near the robot."""
+
     def __init__(
         self,
         grid: OccupancyGrid,

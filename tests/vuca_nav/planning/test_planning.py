@@ -59,9 +59,8 @@ def test_dial_agrees_with_a_library_dijkstra():
     weight = rng.integers(4, 17, (25, 31)).astype(np.int16)
     weight[rng.random(weight.shape) < 0.25] = 0
     weight[3, 4] = 4
-    cost, came_by = _dijkstra(
-        weight, np.full(weight.shape, ALL_HEADINGS, np.uint16), (3, 4), (_DI, _DJ, _LENGTH, _ALONG)
-    )
+    grids = weight, np.full(weight.shape, ALL_HEADINGS, np.uint16), np.zeros(weight.shape, np.int16)
+    cost, came_by = _dijkstra(grids, (3, 4), (_DI, _DJ, _LENGTH, _ALONG), 0)
     rows, columns = weight.shape
     edges = []
     for i in range(rows):
@@ -128,6 +127,17 @@ def test_from_too_near_a_wall_a_path_leads_away_and_none_along():
     assert inside[:, 1].max() < 2.8
     waypoint = farthest_free_waypoint(costmap, path, (0.3, 2.0))
     assert waypoint[0] > 0.4
+
+
+def test_a_gap_too_narrow_is_none_beside_the_robot_either():
+    """The cells about the robot by which it may leave a tight spot lead through no gap that it does not fit into."""
+    picture = hall(60, 40)
+    picture[1:39, 30] = "#"
+    picture[20:25, 30] = "."  # 0.5 m: the body is 0.6 m wide
+    for x in (2.4, 2.6, 2.7):
+        paths = PathField(Costmap(as_grid(picture), DISC, (x, 2.25), CostmapConfig()), (x, 2.25))
+        assert not paths.reaches(4.5, 1.0)
+        assert paths.reaches(1.5, 1.0)  # it gets out of there all the same
 
 
 def test_the_waypoint_is_the_farthest_in_sight():
