@@ -29,12 +29,15 @@ class ExplorerSettings:
     """Rate at which it is chosen anew, besides the triggers [Hz]: the paper's."""
     hysteresis: float = 3.0
     """Cost by which another candidate must be better than the present one [m]."""
+    unknown: float | None = 1.5
+    """Length that a metre through the unknown counts for in the way from a candidate to the goal, around what is known
+    to stand there; None for the straight line, as in the paper."""
     look_ahead: float | None = 4.0
     """Length along the path to a candidate at which the critic rates it [m]; None for the candidate itself, as in the
     paper."""
 
 
-PAPER_EXPLORER = ExplorerSettings(score="normalised", rate=0.2, hysteresis=0.0, look_ahead=None)
+PAPER_EXPLORER = ExplorerSettings(score="normalised", rate=0.2, hysteresis=0.0, unknown=None, look_ahead=None)
 """The choice as the paper prints it (Section III-C): both terms normalised over the candidates, every 5 s and at the
 four triggers, without a bonus for staying."""
 

@@ -342,6 +342,7 @@ def stack_config(method: MethodConfig, localisation: Literal["slam", "odometry"]
         score=chooses.score,
         gamma=method.gamma or 0.0,
         hysteresis=chooses.hysteresis,
+        unknown=chooses.unknown,
         look_ahead=chooses.look_ahead,
     )
     return StackConfig(

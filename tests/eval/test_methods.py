@@ -90,7 +90,7 @@ def test_the_table():
         "hands_over": True,
         "shield": True,
         "critic": "critic",
-        "explorer": {"score": "metres", "rate": 1.0, "hysteresis": 3.0, "look_ahead": 4.0},
+        "explorer": {"score": "metres", "rate": 1.0, "hysteresis": 3.0, "unknown": 1.5, "look_ahead": 4.0},
         "gamma": 300.0,
         "tracks": "all",
         "perception": asdict(PerceptionConfig()),
@@ -360,7 +360,7 @@ def test_the_papers_system_is_as_printed():
         **resolve("fusion").row(),
         "weights": "paper",
         "critic": "own-value",
-        "explorer": {"score": "normalised", "rate": 0.2, "hysteresis": 0.0, "look_ahead": None},
+        "explorer": {"score": "normalised", "rate": 0.2, "hysteresis": 0.0, "unknown": None, "look_ahead": None},
         "gamma": PAPER_GAMMA,
         "tracks": "map",
     }

@@ -7,14 +7,16 @@ import numpy as np
 
 from vuca_nav.exploration.frontiers import find_frontiers
 from vuca_nav.exploration.heuristic import Critic, NoCritic, Score, score_candidates
+from vuca_nav.exploration.remaining import RemainingWay
 from vuca_nav.geometry import transform_points
 from vuca_nav.mapping.grid import OccupancyGrid
 from vuca_nav.perception.percept import Percept
+from vuca_nav.planning.costmap import Costmap
 from vuca_nav.planning.paths import PathField
 from vuca_nav.planning.survey import Survey
 from vuca_nav.planning.target import Target
 from vuca_nav.telemetry.interface import FrontierView, Telemetry
-from vuca_nav.types import Pose2
+from vuca_nav.types import FloatArray, Pose2
 
 _RESORTS = ((False, False), (True, False), (False, True), (True, True))
 """Settings that are tried in turn until there is a target: whether to doubt obstacles that have not been seen lately,
@@ -32,6 +34,9 @@ class ExplorerConfig:
     gamma: float = 0.0
     """Weight of V^h, which needs a critic: for the score in metres, the extra way that surely sparing a mover is worth
     [m]; for the normalised one, without dimension."""
+    unknown: float | None = 1.5
+    """Length that a metre through the unknown counts for in D^h, whose way to the goal leads around what is known to
+    stand there [m]. None for the straight line from the candidate to the goal, as in the paper."""
     look_ahead: float | None = 4.0
     """Length along the path to a candidate at which the critic rates it [m]: the near part of the way can be seen. None
     for the candidate itself, which the paper sets as O_g."""
@@ -184,7 +189,10 @@ class Explorer:
         if not len(points):
             self.target = None
             return None
-        goal_cost = np.hypot(points[:, 0] - self.goal[0], points[:, 1] - self.goal[1]) + lengths
+        remaining = self._remaining(points, costmap)
+        leads_on = np.isfinite(remaining)
+        points, approach, lengths, remaining = (some[leads_on] for some in (points, approach, lengths, remaining))
+        goal_cost = lengths + remaining
         pose = survey.map_from_base
         rated = points if config.look_ahead is None else paths.on_the_way(approach, config.look_ahead)
         safety = self.critic.values(rated, percept, pose)
@@ -201,6 +209,17 @@ class Explorer:
             is_goal=False,
         )
         return self.target
+
+    def _remaining(self, points: FloatArray, costmap: Costmap) -> FloatArray:
+        """Length of the way from each candidate to the goal, (n,) [m]; ``inf`` for those that cannot lead there.
+
+        By straight lines, if none can: the map may be wrong, or the goal within something.
+        """
+        if self.config.unknown is not None:
+            lengths = RemainingWay(costmap, self.goal, self.config.unknown).lengths(points)
+            if np.isfinite(lengths).any():
+                return lengths
+        return np.hypot(points[:, 0] - self.goal[0], points[:, 1] - self.goal[1])
 
     def _is_blacklisted(self, points: np.ndarray) -> np.ndarray:
         result = np.zeros(len(points), np.bool_)

@@ -56,7 +56,7 @@ def score_candidates(goal_cost: FloatArray, safety: FloatArray, gamma: float, sc
     weighs as much as a crowd before one of them.
 
     Args:
-        goal_cost: D^h (n,), n >= 1: Euclidean distance to the goal plus path length from the robot [m].
+        goal_cost: D^h (n,), n >= 1: path length from the robot plus length of the way on to the goal [m].
         safety: V^h (n,), higher is safer.
         gamma: Weight of V^h: for ``metres`` the extra way that is worth it if it surely spares meeting a mover [m], for
             ``normalised`` without dimension.

@@ -27,6 +27,24 @@ def _headings_along(di: NDArray[np.int64], dj: NDArray[np.int64]) -> NDArray[np.
 _ALONG = _headings_along(_DI, _DJ)
 
 
+def cheapest_paths(
+    grids: tuple[NDArray[np.int16], NDArray[np.uint16], NDArray[np.int16]], start: tuple[int, int], escape: int = 0
+) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
+    """Find the cheapest paths from a cell to all others, in steps to the eight neighbours.
+
+    Args:
+        grids: The cost of entering each cell, 0 where a path must not go; the bits of the headings in which the body
+            fits into it; and its clearance. Each of (rows, columns).
+        start: Row and column.
+        escape: Cost of the cells that a path may use only to leave them; 0 if there are none.
+
+    Returns:
+        (rows, columns) costs, 5 times the weight of a cell for a straight step and 7 times for a diagonal one,
+        ``UNREACHED`` where no path leads; and the step by which each cell was reached, -1 where there is none.
+    """
+    return _dijkstra(grids, start, (_DI, _DJ, _LENGTH, _ALONG), escape)
+
+
 class PathField:
     """All cheapest paths from one point of a costmap.
 
@@ -41,7 +59,7 @@ class PathField:
         if costmap.contains(i, j):
             grids = costmap.weight, costmap.headings, costmap.clearance
             escape = costmap.escape_weight if costmap.leaves_only else 0
-            self.cost, self._came_by = _dijkstra(grids, (i, j), (_DI, _DJ, _LENGTH, _ALONG), escape)
+            self.cost, self._came_by = cheapest_paths(grids, (i, j), escape)
         else:
             self.cost: NDArray[np.int32] = np.full(costmap.weight.shape, UNREACHED, np.int32)
             self._came_by = np.full(costmap.weight.shape, -1, np.int8)

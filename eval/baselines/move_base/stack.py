@@ -44,7 +44,8 @@ class MoveBase(Stack):
         self.obstacles = ObstacleLayer(config.layers)
         self.explorer: Explorer | None = None
         if config.explorer is not None:
-            chooses = ExplorerConfig(score=config.explorer.score, hysteresis=config.explorer.hysteresis)
+            asked = config.explorer
+            chooses = ExplorerConfig(score=asked.score, hysteresis=asked.hysteresis, unknown=asked.unknown)
             self.explorer = Explorer(chooses, telemetry=telemetry)
             self._exploration_ticks = self._loop.ticks(config.explorer.rate)
         self.policy = DynamicWindow(body, lidar, config.window)

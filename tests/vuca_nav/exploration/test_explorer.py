@@ -251,6 +251,35 @@ def test_hysteresis_keeps_a_choice_that_is_nearly_as_good():
     assert second.point == first.point
 
 
+def with_a_corner() -> np.ndarray:
+    """The hall, and in its upper right corner an unknown one that leads nowhere: walls stand around it."""
+    picture = two_doors()
+    picture[0, 10:20] = "#"  # no upper door
+    picture[1:12, 48:59] = " "
+    picture[12, 48:59] = "#"
+    return picture
+
+
+@pytest.mark.parametrize(("unknown", "expected"), [(None, (4.75, 3.35)), (1.5, (5.85, 2.0))])
+def test_what_cannot_lead_to_the_goal_is_no_candidate(unknown, expected):
+    survey, told = survey_of(with_a_corner()), Decisions()
+    explorer = Explorer(ExplorerConfig(unknown=unknown), telemetry=told)
+    explorer.reset((8.0, 5.0))
+    target = choose(explorer, 0.0, survey)
+    assert target is not None
+    assert target.point == pytest.approx(expected, abs=0.3)
+
+
+def test_what_cannot_lead_to_the_goal_is_looked_into_when_nothing_else_is_left():
+    picture = with_a_corner()
+    picture[15:25, 59] = "#"
+    explorer = Explorer()
+    explorer.reset((8.0, 5.0))
+    target = choose(explorer, 0.0, survey_of(picture))
+    assert target is not None
+    assert target.point == pytest.approx((4.75, 3.35), abs=0.3)
+
+
 def test_a_given_up_target_is_left_out_until_it_expires():
     survey = survey_of(two_doors())
     explorer = Explorer()
