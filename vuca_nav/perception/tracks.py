@@ -23,7 +23,10 @@ TRACK_SIZE = 7
 
 _X, _Y, _V_X, _V_Y, _RADIUS, _HITS, _MISSED, _STEADY, _ERROR_X, _ERROR_Y = range(10)
 _FIRST_X, _FIRST_Y, _FIRST_YAW, _HAS_LEFT = range(10, 14)
-_COLUMNS = 14
+_SEEN_X, _SEEN_Y, _BEFORE_X, _BEFORE_Y, _BETWEEN = range(14, 19)
+"""Where the track was seen last and the time before, and the time between the two [s]; where it was seen in part, its
+own place."""
+_COLUMNS = 19
 _FOR_GOOD = 2.0
 """Value of ``_HAS_LEFT`` that stays; 1 can still be withdrawn."""
 _GATE = 0.4
@@ -32,8 +35,8 @@ _ALPHA = np.array([1.0, 1.0, 0.85, 0.7, 0.6, 0.5, 0.45])
 _BETA = np.array([0.0, 0.8, 0.5, 0.35, 0.25, 0.18, 0.14])
 """Gains of position and velocity by the number of times that the prediction held; the last stays."""
 _SURPRISE, _SURPRISE_SLOPE = 0.25, 0.02
-"""Sum of a track's last two errors [m], and its growth by a share of the range, above which the object has turned and
-the gains begin anew."""
+"""Sum of a track's last two errors [m], and its growth by a share of the range, above which the object has turned:
+its velocity is that between detections, and the gains begin anew."""
 _PAIR, _IN_PART = 0.18, 0.3
 """Shares of the usual gains where a larger object shows only a leg, and where it is half hidden."""
 _PART_GATE = 0.25
@@ -56,7 +59,7 @@ class _State(NamedTuple):
     """State of a tracker, n rows."""
 
     tracks: FloatArray
-    """(n, MAX_TRACKS, 14) in the frame of odometry that begins where a row began anew."""
+    """(n, MAX_TRACKS, 19) in the frame of odometry that begins where a row began anew."""
     odometry: FloatArray
     """(n, 3) the base's pose in that frame."""
     since: FloatArray
@@ -223,6 +226,7 @@ def _associate(tracks, found, pose, dt, taken):
             tracks[k] = 0.0
             tracks[k, _X], tracks[k, _Y], tracks[k, _RADIUS] = found[best_f, :3]
             tracks[k, _FIRST_X], tracks[k, _FIRST_Y] = found[best_f, :2]
+            tracks[k, _SEEN_X], tracks[k, _SEEN_Y] = found[best_f, :2]
             tracks[k, _FIRST_YAW] = pose[2]
             tracks[k, _HITS], tracks[k, _STEADY], tracks[k, _MISSED] = 1.0, 1.0, -1.0
             left -= 1
@@ -238,20 +242,28 @@ def _associate(tracks, found, pose, dt, taken):
 def _correct(track, found, dt, yaw):
     """Correct a track by its detection: an alpha-beta filter whose gains fall while the prediction holds."""
     error_x, error_y = found[0] - track[_X], found[1] - track[_Y]
-    share = 1.0
+    share, turned, since = 1.0, False, dt * (1.0 + track[_MISSED])
     if found[3] == BEHIND or (found[2] <= LEG_RADIUS and track[_RADIUS] > _PAIR):
         share = _IN_PART
     elif track[_STEADY] > 1.0:
         astray = math.hypot(error_x + track[_ERROR_X], error_y + track[_ERROR_Y])
         if astray > _SURPRISE + _SURPRISE_SLOPE * found[4]:
             track[_STEADY] = 1.0
+            turned = track[_BETWEEN] > 0.0
     track[_ERROR_X], track[_ERROR_Y] = error_x, error_y
     seen = min(int(track[_STEADY]), len(_ALPHA) - 1)
-    alpha, beta = share * _ALPHA[seen], share * _BETA[seen] / (dt * (1.0 + track[_MISSED]))
+    alpha, beta = share * _ALPHA[seen], share * _BETA[seen] / since
     track[_X] += alpha * error_x
     track[_Y] += alpha * error_y
-    track[_V_X] += beta * error_x
-    track[_V_Y] += beta * error_y
+    if turned:  # its place has gone astray for longer than since the last scan: the error would make it too fast
+        track[_V_X] = (found[0] - track[_BEFORE_X]) / (since + track[_BETWEEN])
+        track[_V_Y] = (found[1] - track[_BEFORE_Y]) / (since + track[_BETWEEN])
+    else:
+        track[_V_X] += beta * error_x
+        track[_V_Y] += beta * error_y
+    track[_BEFORE_X], track[_BEFORE_Y], track[_BETWEEN] = track[_SEEN_X], track[_SEEN_Y], since
+    whole = share == 1.0  # the middle of a part is elsewhere
+    track[_SEEN_X], track[_SEEN_Y] = found[0] if whole else track[_X], found[1] if whole else track[_Y]
     speed = math.hypot(track[_V_X], track[_V_Y])
     if speed > _FASTEST:
         track[_V_X] *= _FASTEST / speed

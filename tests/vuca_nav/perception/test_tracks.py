@@ -84,6 +84,21 @@ def test_a_turn_is_believed_within_three_scans(seed):
     assert np.hypot(*(track[[V_X, V_Y]] - velocity_in_base(pose, 0.0, -1.0))) < 0.35
 
 
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("speed", [0.45, 0.8, 1.1])
+def test_what_turns_back_is_not_taken_to_be_faster_than_it_was(speed, seed):
+    """The error of a track's place that has grown before the turn is believed is no velocity."""
+    for later in (0.1, 0.2, 0.3, 0.4, 0.5):
+
+        def scene(t):
+            return [(3.4 + speed * (1.5 - abs(t - 1.5)), 4.5, 0.25)]
+
+        tracks, pose = drive(scene, 1.5 + later, motion=STANDING, rng=np.random.default_rng(seed))
+        track = nearest(tracks, in_base(pose, 3.4 + speed * (1.5 - later), 4.5))
+        assert np.hypot(*track[[V_X, V_Y]]) < speed + 0.3
+    assert np.hypot(*(track[[V_X, V_Y]] - velocity_in_base(pose, -speed, 0.0))) < 0.3
+
+
 def test_posts_stand_however_the_robot_drives():
     posts = [(4.0, 4.4, 0.2), (3.2, 2.0, 0.15), (5.5, 3.0, 0.25)]
     tracks, pose = drive(lambda t: posts, 1.5, rng=np.random.default_rng(1))
