@@ -29,9 +29,9 @@ class ExplorerSettings:
     """Rate at which it is chosen anew, besides the triggers [Hz]: the paper's."""
     hysteresis: float = 3.0
     """Cost by which another candidate must be better than the present one [m]."""
-    unknown: float | None = 1.5
-    """Length that a metre through the unknown counts for in the way from a candidate to the goal, around what is known
-    to stand there; None for the straight line, as in the paper."""
+    unknown: float | None = 4.0
+    """Length that a metre of the unknown counts for in D^h near what stands there, whose way to the goal leads around
+    what is known [m]. None for the straight line from the candidate to the goal, as in the paper."""
     look_ahead: float | None = 4.0
     """Length along the path to a candidate at which the critic rates it [m]; None for the candidate itself, as in the
     paper."""

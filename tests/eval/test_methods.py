@@ -90,7 +90,7 @@ def test_the_table():
         "hands_over": True,
         "shield": True,
         "critic": "critic",
-        "explorer": {"score": "metres", "rate": 1.0, "hysteresis": 3.0, "unknown": 1.5, "look_ahead": 4.0},
+        "explorer": {"score": "metres", "rate": 1.0, "hysteresis": 3.0, "unknown": 4.0, "look_ahead": 4.0},
         "gamma": 300.0,
         "tracks": "all",
         "perception": asdict(PerceptionConfig()),

@@ -34,9 +34,9 @@ class ExplorerConfig:
     gamma: float = 0.0
     """Weight of V^h, which needs a critic: for the score in metres, the extra way that surely sparing a mover is worth
     [m]; for the normalised one, without dimension."""
-    unknown: float | None = 1.5
-    """Length that a metre through the unknown counts for in D^h, whose way to the goal leads around what is known to
-    stand there [m]. None for the straight line from the candidate to the goal, as in the paper."""
+    unknown: float | None = 4.0
+    """Length that a metre of the unknown counts for in D^h near what stands there, whose way to the goal leads around
+    what is known [m]. None for the straight line from the candidate to the goal, as in the paper."""
     look_ahead: float | None = 4.0
     """Length along the path to a candidate at which the critic rates it [m]: the near part of the way can be seen. None
     for the candidate itself, which the paper sets as O_g."""

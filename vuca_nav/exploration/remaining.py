@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from vuca_nav.kernel_cache import njit
-from vuca_nav.planning.cells import ALL_HEADINGS, UNKNOWN
+from vuca_nav.planning.cells import ALL_HEADINGS, FREE, OCCUPIED, UNKNOWN, chamfer
 from vuca_nav.planning.costmap import Costmap
 from vuca_nav.planning.paths import UNREACHED, cheapest_paths
 from vuca_nav.types import FloatArray
@@ -17,6 +17,9 @@ AROUND = 4.0
 LEAVING = 0.6
 """Distance from the goal within which a way may be narrower than the body [m]: a place nearby may stand for a goal on
 which the body has no room."""
+BESIDE = 3.0
+"""Distance from what is known to stand within which the unknown is likely barred too [m]: a wall that has been seen goes
+on beyond its last return, and what has one side seen has a depth."""
 UNIT = 8
 """Weight of a free cell."""
 
@@ -27,7 +30,8 @@ class RemainingWay:
     Args:
         costmap: The inflated grid.
         goal: Goal in the map [m].
-        unknown: Length that a metre through the unknown counts for: it may turn out to be barred.
+        unknown: Length that a metre of the unknown counts for within ``BESIDE`` of an obstacle, where it is likely to be
+            barred. Farther off a metre is a metre.
     """
 
     def __init__(self, costmap: Costmap, goal: tuple[float, float], unknown: float):
@@ -39,15 +43,20 @@ class RemainingWay:
         width = max(x + columns * fine, goal_x) + AROUND - self._origin[0]
         height = max(y + rows * fine, goal_y) + AROUND - self._origin[1]
         shape = math.ceil(height / step), math.ceil(width / step)
-        weight = np.full(shape, round(UNIT * unknown), np.int16)
         i, j = self._cell(goal_x, goal_y)
-        _weigh(
+        state = np.zeros(shape, np.int8)
+        known = state[below:, left:]
+        _coarsen(
             costmap.state,
             costmap.clearance,
             costmap.radius / costmap.unit,
             (i - below, j - left, LEAVING / step),
-            weight[below:, left:],
+            known,
         )
+        beside = chamfer(state, math.ceil(5.0 * BESIDE / step) + 1) <= 5.0 * BESIDE / step
+        weight = np.full(shape, UNIT, np.int16)
+        weight[(state == UNKNOWN) & beside] = round(UNIT * unknown)
+        weight[state == OCCUPIED] = 0
         grids = weight, np.full(shape, ALL_HEADINGS, np.uint16), np.zeros(shape, np.int16)
         self._cost, _ = cheapest_paths(grids, (i, j))
 
@@ -66,20 +75,16 @@ class RemainingWay:
 
 
 @njit(cache=True)
-def _weigh(state, clearance, least, goal, weight):
-    """Weigh the cells that cover the costmap: one that has room for the body and is known counts a unit, 0 bars it."""
+def _coarsen(state, clearance, least, goal, coarse):
+    """Coarsen the states: a cell is occupied where the body has no room, free if it has room in one that is known."""
     rows, columns = state.shape
     goal_i, goal_j, leaving = goal
     for i in range((rows + COARSE - 1) // COARSE):
         for j in range((columns + COARSE - 1) // COARSE):
             enough = 1 if (i - goal_i) ** 2 + (j - goal_j) ** 2 <= leaving * leaving else least
-            is_open = is_known = False
+            coarse[i, j] = OCCUPIED
             for a in range(COARSE * i, min(COARSE * (i + 1), rows)):
                 for b in range(COARSE * j, min(COARSE * (j + 1), columns)):
-                    if clearance[a, b] >= enough:
-                        is_open = True
-                        is_known = is_known or state[a, b] != UNKNOWN
-            if not is_open:
-                weight[i, j] = 0
-            elif is_known:
-                weight[i, j] = UNIT
+                    if clearance[a, b] < enough or coarse[i, j] == FREE:
+                        continue
+                    coarse[i, j] = UNKNOWN if state[a, b] == UNKNOWN else FREE
