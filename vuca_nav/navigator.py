@@ -20,6 +20,7 @@ from vuca_nav.planning.costmap import CostmapConfig
 from vuca_nav.planning.planner import Planner, no_plan, straight_plan
 from vuca_nav.planning.survey import Survey
 from vuca_nav.policy.base import LocalGoal, LocalPolicy
+from vuca_nav.recovery import SAID, Recovery, RecoveryConfig, Rung
 from vuca_nav.stack import Stack
 from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import STANDING, BodySpec, LidarSpec, Odometry, Pose2, Scan, VelocityCommand
@@ -52,12 +53,17 @@ class NavigatorConfig:
     narrow: float = 1.1
     """Width of the path, on the map, below which it is narrow [m]: networks are trained among gaps of 1.1 m and more
     (``worlds.scenes.training.GAP``), which cells of the map make up to 0.1 m narrower."""
+    widest_narrow: float = 1.4
+    """Greatest width that counts as narrow once the robot has hovered before it [m]."""
+    narrow_step: float = 0.1
+    """Width by which narrow ways may be wider than the one that the robot has hovered before [m]."""
     narrow_reach: float = 2.0
     """Distance from the robot within which a narrow path counts [m]."""
     direct: bool = False
     """Whether the local policy heads for the goal itself: nothing is explored, and no path is planned."""
     perception: PerceptionConfig = field(default_factory=PerceptionConfig)
     slam: SlamConfig = field(default_factory=SlamConfig)
+    recovery: RecoveryConfig = field(default_factory=RecoveryConfig)
     explorer: ExplorerConfig = field(default_factory=ExplorerConfig)
     costmap: CostmapConfig = field(default_factory=CostmapConfig)
 
@@ -111,6 +117,7 @@ class Navigator(Stack):
         self.slam = Slam(lidar, config.slam)
         self.explorer = Explorer(config.explorer, critic, telemetry)
         self.planner = Planner(telemetry)
+        self.recovery = Recovery(config.recovery, 1.0 / config.trigger_rate)
         self.policy = policy
         self._planning_ticks = config.ticks(config.planning_rate)
         self._exploration_ticks = config.ticks(config.exploration_rate)
@@ -156,6 +163,8 @@ class Navigator(Stack):
         self.arrived = False
         self.explorer.reset(self.goal or (0.0, 0.0), max(self.tolerance - self.config.goal_error, 0.0))
         self.plan = no_plan(self.map_from_base)
+        self.recovery.reset()
+        self._narrow = self.config.narrow
         self._is_goal_new = True
         self._moved_from, self._moved_tick = self.map_from_base, self._tick
 
@@ -226,6 +235,7 @@ class Navigator(Stack):
         if map_correction != STANDING:
             self.plan = self.plan.moved(map_correction)
             self.explorer.follow(map_correction)
+            self.recovery.follow(map_correction)
             self._moved_from = compose(map_correction, self._moved_from)
             self.telemetry.map_correction(map_correction)
 
@@ -240,7 +250,24 @@ class Navigator(Stack):
                 self.explorer.give_up(percept.stamp)
                 self.telemetry.event("no progress: target given up", "WARN")
             cause = self.explorer.trigger(percept.stamp, estimate.navigation_grid, (pose.x, pose.y)) or cause
+            cause = self._recover(percept, estimate) or cause
         return cause
+
+    def _recover(self, percept: Percept, estimate: SlamEstimate) -> str | None:
+        """Watch the progress, and say what is tried where there is none; cause for the explorer to choose anew."""
+        place = estimate.map_from_base[:2]
+        if self.arrived or not percept.is_valid:
+            return None
+        rung = self.recovery.update(percept.stamp, place, self.plan, percept.moving)
+        if rung is None:
+            return None
+        self.telemetry.event(SAID[rung], "WARN")
+        if rung == Rung.ANOTHER_WAY and self.recovery.bar(percept.stamp, place, self.plan):
+            target = self.explorer.target
+            if target is not None and not self._survey(percept, estimate).paths().reaches(*target.approach):
+                self.recovery.barred.pop()
+                self.telemetry.event("there is no other way", "WARN")
+        return "no progress"
 
     def _is_planning_due(self, map_from_base: Pose2) -> bool:
         """Whether a plan is due: at the planning rate, and as soon as the waypoint is reached."""
@@ -258,7 +285,15 @@ class Navigator(Stack):
         """Survey of the map for this body at its present pose."""
         moving_in_map = percept.moving.copy()
         moving_in_map[:, :2] = transform_points(estimate.map_from_base, percept.moving[:, :2])
-        return Survey(estimate.navigation_grid, self._discs, estimate.map_from_base, moving_in_map, self.config.costmap)
+        return Survey(
+            estimate.navigation_grid,
+            self._discs,
+            estimate.map_from_base,
+            moving_in_map,
+            self.config.costmap,
+            self.recovery.barred_in_map(),
+            doubting=self.recovery.rung == Rung.CLEAR,
+        )
 
     def _local_goal(self, percept: Percept, map_from_base: Pose2) -> LocalGoal | None:
         """The waypoint as the lower layer sees it; None if the body has to stand."""
@@ -270,11 +305,18 @@ class Navigator(Stack):
         self.arrived = distance(map_from_base, end) < self.stops_within(stop)
         if self.arrived or not len(self.plan.path_in_map) or not percept.is_valid:
             return None
-        waypoint = self.plan.waypoint_in_map
+        if self.recovery.waits:
+            return None
+        back = self.recovery.waypoint(map_from_base[:2])
+        waypoint = back or self.plan.waypoint_in_map
         c, s = math.cos(map_from_base.yaw), math.sin(map_from_base.yaw)
         dx, dy = waypoint[0] - map_from_base.x, waypoint[1] - map_from_base.y
         width = 2.0 * self.plan.narrowest(map_from_base[:2], config.narrow_reach)
-        return LocalGoal((c * dx + s * dy, -s * dx + c * dy), self.plan.is_final, width < config.narrow)
+        if self._narrow < width <= config.widest_narrow and self.recovery.hovers:
+            self._narrow = width + config.narrow_step
+            self.recovery.try_again()
+        is_narrow = width <= self._narrow or back is not None
+        return LocalGoal((c * dx + s * dy, -s * dx + c * dy), self.plan.is_final and back is None, is_narrow)
 
     def _is_stuck(self, pose: Pose2) -> bool:
         if distance(pose, self._moved_from) > self.config.stuck_distance:

@@ -320,7 +320,7 @@ def test_the_policy_is_told_to_stand_when_it_is_there():
     assert goal is not None
     assert goal.is_final
     assert goal.point_in_base == pytest.approx((2.0, 0.0), abs=0.01)
-    navigator.goal = (5.0, 5.0)  # it is there
+    navigator.head_for((5.0, 5.0))  # it is there
     commands = [step(k) for k in range(15, 60)]
     assert navigator.arrived
     assert commands == [STOP] * 45

@@ -148,6 +148,17 @@ class Costmap:
             math.floor((x - self.origin[0]) / self.resolution),
         )
 
+    def bar(self, places: FloatArray) -> None:
+        """Let no path lead through places.
+
+        Args:
+            places: (k, 3) x, y in the map and radius [m].
+        """
+        for x, y, radius in places:
+            rows = self.origin[1] + (np.arange(self.weight.shape[0]) + 0.5) * self.resolution - y
+            columns = self.origin[0] + (np.arange(self.weight.shape[1]) + 0.5) * self.resolution - x
+            self.weight[rows[:, None] ** 2 + columns**2 <= radius**2] = 0
+
     def refine(self, points: FloatArray) -> None:
         """Move points (n, 2) of a path, in place, to the best places of their cells where these are tight [m]."""
         to_best_places(points, self.clearance, self.fine, self.turning, np.array(self.origin), self.resolution)

@@ -3,7 +3,7 @@
 from functools import cache
 
 from vuca_nav.mapping.grid import OccupancyGrid
-from vuca_nav.planning.costmap import Costmap, CostmapConfig
+from vuca_nav.planning.costmap import NOTHING_MOVES, Costmap, CostmapConfig
 from vuca_nav.planning.paths import PathField
 from vuca_nav.types import FloatArray, Pose2
 
@@ -17,6 +17,8 @@ class Survey:
         map_from_base: Pose of the body.
         moving_in_map: (m, 3) x, y and radius of the tracks that surely move [m]: they bar no path.
         config: Settings of the costmap.
+        barred: (k, 3) x, y and radius of places in the map that no path may lead through [m].
+        doubting: Whether all paths may lead through small obstacles that have not been seen lately.
     """
 
     def __init__(
@@ -26,15 +28,19 @@ class Survey:
         map_from_base: Pose2,
         moving_in_map: FloatArray,
         config: CostmapConfig,
+        barred: FloatArray = NOTHING_MOVES,
+        doubting: bool = False,
     ):
         self.grid, self.map_from_base = grid, map_from_base
         position = map_from_base.x, map_from_base.y
 
         @cache
         def paths(doubting: bool) -> PathField:
-            return PathField(Costmap(grid, discs, position, config, moving_in_map, doubting), position)
+            costmap = Costmap(grid, discs, position, config, moving_in_map, doubting)
+            costmap.bar(barred)
+            return PathField(costmap, position)
 
-        self._paths = paths
+        self._paths, self._doubting = paths, doubting
 
     def paths(self, *, doubting: bool = False) -> PathField:
         """All cheapest paths from the robot.
@@ -42,4 +48,4 @@ class Survey:
         Args:
             doubting: Whether they may lead through small obstacles that have not been seen lately.
         """
-        return self._paths(doubting)
+        return self._paths(doubting or self._doubting)

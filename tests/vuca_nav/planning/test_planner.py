@@ -105,3 +105,17 @@ def test_a_survey_knows_that_movers_bar_no_way():
     picture[19:21, 30] = "#"  # ... with a mover in it
     assert not survey_of(picture).paths().reaches(4.5, 2.0)
     assert survey_of(picture, np.array([[3.05, 2.0, 0.1]])).paths().reaches(4.5, 2.0)
+
+
+def test_no_path_leads_through_a_barred_place():
+    picture = hall(60, 40)
+    picture[:, 30] = "#"
+    picture[5:17, 30] = picture[25:37, 30] = "."  # two doors
+    doors = np.array([[3.05, 1.1, 0.7], [3.05, 3.1, 0.7]])
+
+    def paths(barred):
+        return Survey(as_grid(picture), DISC, HERE, NONE_MOVES, CostmapConfig(), barred).paths()
+
+    through = [paths(doors[k : k + 1]).path_to(4.5, 1.0) for k in (0, 1)]
+    assert [bool((path[np.abs(path[:, 0] - 3.05) < 0.1, 1] > 2.0).all()) for path in through] == [True, False]
+    assert not paths(doors).reaches(4.5, 1.0)
