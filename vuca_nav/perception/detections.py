@@ -50,6 +50,8 @@ def find_detections(ranges, beams, reach, found):
             b += 1
             continue
         last, end = first, b
+        first_x, first_y = ranges[first] * beams[first, 0], ranges[first] * beams[first, 1]
+        farthest = 0.0
         sum_x, sum_y, points = ranges[first] * beams[first, 0], ranges[first] * beams[first, 1], 1
         for k in range(b + 1, n):
             index = (start + k) % n
@@ -57,8 +59,10 @@ def find_detections(ranges, beams, reach, found):
             if 0.0 < r < reach:
                 if abs(r - r_last) > _JUMP + _JUMP_SLOPE * min(r, r_last):
                     break
-                sum_x += r * beams[index, 0]
-                sum_y += r * beams[index, 1]
+                x, y = r * beams[index, 0], r * beams[index, 1]
+                sum_x += x
+                sum_y += y
+                farthest = max(farthest, (x - first_x) ** 2 + (y - first_y) ** 2)
                 points += 1
                 last, end = index, k
             elif k - end > 1:  # one beam may have been lost
@@ -76,7 +80,8 @@ def find_detections(ranges, beams, reach, found):
         # A piece of wall between two nearer objects would seem to move as the body does: only segments in front count,
         # and a leg behind the other.
         behind = before < r_first or after < r_last
-        if width > (2.0 * LEG_RADIUS if behind else MAX_WIDTH):
+        # The walls of a room go from one post of its door all round to the other: near ends make no object.
+        if max(width, math.sqrt(farthest)) > (2.0 * LEG_RADIUS if behind else MAX_WIDTH):
             continue
         x, y = sum_x / points, sum_y / points
         away = math.sqrt(x * x + y * y)

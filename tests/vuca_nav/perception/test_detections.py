@@ -75,3 +75,13 @@ def test_one_lost_beam_does_not_cut_an_object_in_two():
     ranges = look([(2.0, 0.0, 0.3)])
     ranges[90] = np.inf
     assert len(found(ranges)) == 1
+
+
+@pytest.mark.parametrize("door", [0.6, 0.9, 1.1])
+def test_a_room_behind_its_door_is_not_detected(door):
+    """From one post of the door all round to the other the walls are one surface, whose ends are near each other."""
+    posts = np.array([[-0.1, -2.0, 0.0, -0.5 * door], [-0.1, 0.5 * door, 0.0, 2.0]])
+    walls = np.array([[3.8, -2.0, 3.9, 2.0], [-0.1, -2.1, 3.9, -2.0], [-0.1, 2.0, 3.9, 2.1]])
+    beyond = np.array([[-9.0, -9.0, -8.9, 9.0]])
+    for pose in (Pose2(2.5, 0.0, 0.0), Pose2(1.0, 0.8, 2.0), Pose2(2.0, -1.0, -1.0)):
+        assert len(found(look([], np.vstack([posts, walls, beyond]), pose))) == 0
