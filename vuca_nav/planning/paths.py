@@ -11,6 +11,8 @@ from vuca_nav.planning.costmap import Costmap
 from vuca_nav.types import FloatArray
 
 UNREACHED = np.int32(2**31 - 1)
+CELL_NOISE = 5
+"""Loss of clearance, in the costmap's unit, that says nothing: a cell of the map."""
 
 # Eight neighbours, straight ones first; the length of a step in fifths of a cell (5-7 chamfer).
 _DI = np.array([0, 0, 1, -1, 1, 1, -1, -1], np.int64)
@@ -192,7 +194,7 @@ def _dijkstra(grids, start, steps_of, escape):
                     continue
                 if fits[cell] & fits[other] & along[k] == 0:
                     continue
-                if w == escape and (weights[cell] != escape or clear[other] < clear[cell]):
+                if w == escape and (weights[cell] != escape or clear[other] < clear[cell] - CELL_NOISE):
                     continue
                 if k >= 4 and (weights[cell + aside[k]] == 0 or weights[cell + turns[k]] == 0):
                     continue  # no cutting of corners
