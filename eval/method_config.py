@@ -14,8 +14,8 @@ from vuca_nav.policy.weights_file import WEIGHTS_FOLDER
 
 GAMMA = 300.0
 """Default extra way that is worth it if it surely spares meeting a mover [m]."""
-CRITIC_RATE = 1.0
-"""Rate at which the target is chosen anew where V^h has a say [Hz]: in the paper's 5 s, whatever comes along a corridor
+ALERT_RATE = 1.0
+"""Rate at which the target is chosen anew while V^h has a say [Hz]: in the paper's 5 s, whatever comes along a corridor
 has arrived."""
 
 
@@ -27,6 +27,9 @@ class ExplorerSettings:
     """How D^h and V^h are weighed: as lengths, or each divided by its spread, as the paper prints it."""
     rate: float = 0.2
     """Rate at which it is chosen anew, besides the triggers [Hz]: the paper's."""
+    alert_rate: float | None = None
+    """The rate while something is seen to move, the only time at which V^h has a say then [Hz]. None for the same rate,
+    and a say at all times: the paper's."""
     hysteresis: float = 3.0
     """Cost by which another candidate must be better than the present one [m]."""
     unknown: float | None = 4.0

@@ -17,7 +17,7 @@ from eval.baselines.move_base.stack import MoveBase
 from eval.baselines.oracle.config import OracleConfig
 from eval.baselines.oracle.stack import Oracle
 from eval.baselines.oracle.truth import Truth
-from eval.method_config import CRITIC_RATE, GAMMA, PAPER_EXPLORER, ExplorerSettings, MethodConfig
+from eval.method_config import ALERT_RATE, GAMMA, PAPER_EXPLORER, ExplorerSettings, MethodConfig
 from eval.user_method import Request, UserMethod
 from vuca_nav.build import OWN_VALUE, StackConfig, build_navigator, check_tracks
 from vuca_nav.data_files import read_bytes
@@ -77,7 +77,7 @@ METHODS: dict[str, Method] = {
             hands_over=True,
             shield=True,
             critic=SHIPPED,
-            explorer=ExplorerSettings(rate=CRITIC_RATE),
+            explorer=ExplorerSettings(alert_rate=ALERT_RATE),
             gamma=GAMMA,
         ),
     ),
@@ -343,6 +343,7 @@ def stack_config(method: MethodConfig, localisation: Literal["slam", "odometry"]
         gamma=method.gamma or 0.0,
         hysteresis=chooses.hysteresis,
         unknown=chooses.unknown,
+        movers_only=chooses.alert_rate is not None,
         look_ahead=chooses.look_ahead,
     )
     return StackConfig(
@@ -354,6 +355,7 @@ def stack_config(method: MethodConfig, localisation: Literal["slam", "odometry"]
         tracks=method.tracks,
         navigator=NavigatorConfig(
             exploration_rate=chooses.rate,
+            alert_rate=chooses.alert_rate,
             direct=method.explorer is None,
             perception=method.perception,
             slam=SlamConfig(localisation=localisation),

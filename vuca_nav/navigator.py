@@ -36,6 +36,8 @@ class NavigatorConfig:
     """[Hz]"""
     exploration_rate: float = 0.2
     """Rate of choices [Hz]; triggers cause others in between."""
+    alert_rate: float | None = None
+    """Rate of choices while something is seen to move [Hz]; None for the same as else."""
     trigger_rate: float = 5.0
     """Rate at which the triggers are looked at [Hz]."""
     goal_tolerance: float = 0.05
@@ -121,6 +123,7 @@ class Navigator(Stack):
         self.policy = policy
         self._planning_ticks = config.ticks(config.planning_rate)
         self._exploration_ticks = config.ticks(config.exploration_rate)
+        self._alert_ticks = config.ticks(config.alert_rate or config.exploration_rate)
         self._trigger_ticks = config.ticks(config.trigger_rate)
         self.reset(Pose2(0.0, 0.0, 0.0), (0.0, 0.0))
 
@@ -241,7 +244,8 @@ class Navigator(Stack):
 
     def _cause_to_explore(self, percept: Percept, estimate: SlamEstimate) -> str | None:
         """Cause for the explorer to choose anew, None if there is none."""
-        cause = "it is time" if self._tick % self._exploration_ticks == 0 else None
+        ticks = self._alert_ticks if len(percept.moving) else self._exploration_ticks
+        cause = "it is time" if self._tick % ticks == 0 else None
         if self._is_goal_new:
             cause, self._is_goal_new = cause or "there is a new goal", False
         if self._tick % self._trigger_ticks == 0:

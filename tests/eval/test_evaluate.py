@@ -315,7 +315,7 @@ def settings(config):
 
 def test_the_settings_that_are_kept_are_those_that_ran():
     ours = settings(EpisodeConfig(method="ours"))
-    assert (ours["navigator"]["exploration_rate"], ours["navigator"]["explorer"]["gamma"]) == (1.0, 300.0)
+    assert (ours["navigator"]["alert_rate"], ours["navigator"]["explorer"]["gamma"]) == (1.0, 300.0)
     assert ours["shield"] == asdict(ShieldConfig())
     assert ours["shield"]["futures"] == asdict(FuturesConfig())
     assert "dynamic_window" not in ours

@@ -13,9 +13,9 @@ from eval.arguments import HeatmapArguments, RunArguments
 from eval.commands import eval_, heatmap
 from eval.episode import CONFIG_FIELDS, Episode, EpisodeConfig
 from eval.methods import (
+    ALERT_RATE,
     BEST,
     BEST_WITH_CRITIC,
-    CRITIC_RATE,
     GAMMA,
     METHODS,
     OWN_VALUE,
@@ -90,7 +90,14 @@ def test_the_table():
         "hands_over": True,
         "shield": True,
         "critic": "critic",
-        "explorer": {"score": "metres", "rate": 1.0, "hysteresis": 3.0, "unknown": 4.0, "look_ahead": 4.0},
+        "explorer": {
+            "score": "metres",
+            "rate": 0.2,
+            "alert_rate": 1.0,
+            "hysteresis": 3.0,
+            "unknown": 4.0,
+            "look_ahead": 4.0,
+        },
         "gamma": 300.0,
         "tracks": "all",
         "perception": asdict(PerceptionConfig()),
@@ -130,7 +137,9 @@ def test_what_the_methods_differ_in(weights):
     assert isinstance(ours.policy, Shield)
     assert ours.explorer.config.gamma == GAMMA
     assert built("ours", policy=weights, gamma=2.0).explorer.config.gamma == 2.0
-    assert ours.config.exploration_rate == CRITIC_RATE
+    assert ours.config.exploration_rate == 0.2
+    assert ours.config.alert_rate == ALERT_RATE
+    assert ours.config.explorer.movers_only
     assert built("ours-dh", policy=weights).config.exploration_rate == 0.2
 
 
@@ -360,7 +369,14 @@ def test_the_papers_system_is_as_printed():
         **resolve("fusion").row(),
         "weights": "paper",
         "critic": "own-value",
-        "explorer": {"score": "normalised", "rate": 0.2, "hysteresis": 0.0, "unknown": None, "look_ahead": None},
+        "explorer": {
+            "score": "normalised",
+            "rate": 0.2,
+            "alert_rate": None,
+            "hysteresis": 0.0,
+            "unknown": None,
+            "look_ahead": None,
+        },
         "gamma": PAPER_GAMMA,
         "tracks": "map",
     }

@@ -40,6 +40,8 @@ class ExplorerConfig:
     look_ahead: float | None = 4.0
     """Length along the path to a candidate at which the critic rates it [m]: the near part of the way can be seen. None
     for the candidate itself, which the paper sets as O_g."""
+    movers_only: bool = False
+    """Whether V^h has a say only while something is seen to move; in the paper it always has."""
     min_frontier: float = 0.4
     """Shorter frontiers are noise [m]. Cells too near to walls do not count: an opening of 1 m has 0.4 m."""
     max_frontier: float = 3.0
@@ -195,7 +197,10 @@ class Explorer:
         goal_cost = lengths + remaining
         pose = survey.map_from_base
         rated = points if config.look_ahead is None else paths.on_the_way(approach, config.look_ahead)
-        safety = self.critic.values(rated, percept, pose)
+        if config.movers_only and not len(percept.moving):
+            safety = np.ones(len(points))
+        else:
+            safety = self.critic.values(rated, percept, pose)
         if self.target is not None and not self.target.is_goal:
             away = np.hypot(points[:, 0] - self.target.point[0], points[:, 1] - self.target.point[1])
             goal_cost = goal_cost - config.hysteresis * (away < config.same_within)

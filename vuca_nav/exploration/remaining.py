@@ -18,8 +18,8 @@ LEAVING = 0.6
 """Distance from the goal within which a way may be narrower than the body [m]: a place nearby may stand for a goal on
 which the body has no room."""
 BESIDE = 3.0
-"""Distance from what is known to stand within which the unknown is likely barred too [m]: a wall that has been seen goes
-on beyond its last return, and what has one side seen has a depth."""
+"""Distance from what is known to stand within which the unknown is likely barred too [m]: a wall that has been seen
+goes on beyond its last return, and what has one side seen has a depth."""
 UNIT = 8
 """Weight of a free cell."""
 
@@ -30,8 +30,8 @@ class RemainingWay:
     Args:
         costmap: The inflated grid.
         goal: Goal in the map [m].
-        unknown: Length that a metre of the unknown counts for within ``BESIDE`` of an obstacle, where it is likely to be
-            barred. Farther off a metre is a metre.
+        unknown: Length that a metre of the unknown counts for within ``BESIDE`` of an obstacle, where it is likely to
+            be barred. Farther off a metre is a metre.
     """
 
     def __init__(self, costmap: Costmap, goal: tuple[float, float], unknown: float):

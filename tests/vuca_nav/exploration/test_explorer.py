@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -170,6 +172,22 @@ def test_a_critic_with_gamma_can_overrule_it():
         explorer = Explorer(ExplorerConfig(gamma=gamma), critic)
         explorer.reset((20.0, 2.0))
         target = choose(explorer, 0.0, survey)
+        assert target is not None
+        assert target.point[1] == pytest.approx(expected_y, abs=0.25)
+
+
+def test_where_nothing_is_seen_to_move_the_critic_has_no_say():
+    survey = survey_of(two_doors())
+    still = percept_at(0.0)
+    stirred = replace(still, moving=np.array([[2.0, 0.0, 0.3]]))
+    for percept, movers_only, expected_y in (
+        (still, True, 2.0),
+        (stirred, True, 3.85),
+        (still, False, 3.85),
+    ):
+        explorer = Explorer(ExplorerConfig(gamma=30.0, movers_only=movers_only), FearsRight())
+        explorer.reset((20.0, 2.0))
+        target = explorer.update("it is time", percept, survey).target
         assert target is not None
         assert target.point[1] == pytest.approx(expected_y, abs=0.25)
 
