@@ -171,7 +171,8 @@ class Costmap:
         """
         rows = np.floor((points[:, 1] - self.origin[1]) / self.resolution).astype(np.int64)
         columns = np.floor((points[:, 0] - self.origin[0]) / self.resolution).astype(np.int64)
-        return self.clearance[rows, columns] * self.unit
+        clearances: FloatArray = self.clearance[rows, columns].astype(np.float64) * self.unit
+        return clearances
 
     def contains(self, i: int, j: int) -> bool:
         """Whether the cell lies inside the array."""
