@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from vuca_nav.errors import BadArgument
 from vuca_nav.exploration.explorer import Explorer, ExplorerConfig
 from vuca_nav.exploration.heuristic import Critic, NoCritic
-from vuca_nav.footprint import cover_by_discs
+from vuca_nav.footprint import ROOM, cover_by_discs, half_way
 from vuca_nav.geometry import compose, distance, transform_points
 from vuca_nav.mapping.grid import OccupancyGrid
 from vuca_nav.mapping.slam import Slam, SlamConfig, SlamEstimate
@@ -57,6 +57,9 @@ class NavigatorConfig:
     (``worlds.scenes.training.GAP``), which cells of the map make up to 0.1 m narrower."""
     widest_narrow: float = 1.4
     """Greatest width that counts as narrow once the robot has hovered before it [m]."""
+    window_room: float = 0.18
+    """Width beyond the body's that the dynamic window needs [m]: its margin, and the error of its distance field, on
+    both sides. In ways narrower still the network drives."""
     narrow_step: float = 0.1
     """Width by which narrow ways may be wider than the one that the robot has hovered before [m]."""
     narrow_reach: float = 2.0
@@ -113,6 +116,7 @@ class Navigator(Stack):
             )
         self.body = body
         self._discs = cover_by_discs(body.footprint)
+        self._least_width = 2.0 * (half_way(body.footprint) - ROOM) + config.window_room
         self.config = config
         self.telemetry = telemetry
         self.perception = Perception(lidar, config.perception, body, config.rate)
@@ -319,7 +323,9 @@ class Navigator(Stack):
         if self._narrow < width <= config.widest_narrow and self.recovery.hovers:
             self._narrow = width + config.narrow_step
             self.recovery.try_again()
-        is_narrow = width <= self._narrow or back is not None
+        # Where the window has not got on either, the network has another try once the robot has backed out.
+        fits = self._least_width <= width <= self._narrow
+        is_narrow = back is not None or (fits and not self.recovery.tries_other_driver)
         return LocalGoal((c * dx + s * dy, -s * dx + c * dy), self.plan.is_final and back is None, is_narrow)
 
     def _is_stuck(self, pose: Pose2) -> bool:

@@ -148,6 +148,11 @@ class Recovery:
         self._idle, self.rung = 0.0, Rung.DRIVE
 
     @property
+    def tries_other_driver(self) -> bool:
+        """Whether the robot has backed out, and it is the other local policy's turn."""
+        return self.rung in (Rung.BACK_OUT, Rung.CLEAR)
+
+    @property
     def waits(self) -> bool:
         """Whether the robot stands to wait."""
         return self.rung == Rung.WAIT and self._idle <= self.config.back_time
