@@ -66,6 +66,8 @@ class MethodConfig:
     gamma: float | None = None
     """Weight of V^h: extra way that is worth it if it surely spares meeting a mover [m], or without dimension for the
     normalised score; None without a critic."""
+    recovers: bool = True
+    """Whether the stack backs out, clears, tries another way and waits, in turn, where it makes no progress."""
     tracks: Literal["all", "map"] = "all"
     """What may use the percept's tracks: all stages, or map and costmap alone. Where it is the map alone, weights that
     take tracks, a critic that takes them, and a shield are refused."""

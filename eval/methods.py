@@ -31,6 +31,7 @@ from vuca_nav.policy.handover import Handover
 from vuca_nav.policy.learned import LearnedPolicy
 from vuca_nav.policy.network import Gate, PolicyNetwork
 from vuca_nav.policy.weights_file import WEIGHTS_FOLDER, load_weights
+from vuca_nav.recovery import RecoveryConfig
 from vuca_nav.safetensors_file import MOST_BYTES
 from vuca_nav.shield.shield import Shield, ShieldConfig
 from vuca_nav.stack import Stack
@@ -64,6 +65,11 @@ def _network(weights: str, **changes: Any) -> MethodConfig:
     return MethodConfig("network", WEIGHTS_FOLDER / f"{weights}.safetensors", **changes)
 
 
+def _paper(**changes: Any) -> MethodConfig:
+    """The paper's system: its stuck rule gives a target up, and nothing else is tried."""
+    return _network("paper", gate=Gate(), explorer=PAPER_EXPLORER, recovers=False, tracks="map", **changes)
+
+
 METHODS: dict[str, Method] = {
     "dwa-dh": Method(
         "SLAM, frontier exploration by D^h and waypoints, over a dynamic window controller",
@@ -86,11 +92,9 @@ METHODS: dict[str, Method] = {
     ),
     "paper": Method(
         "the paper's system as printed: fusion, unshielded; frontiers by D^h and its own V^h, normalised",
-        _network("paper", gate=Gate(), critic=OWN_VALUE, explorer=PAPER_EXPLORER, gamma=PAPER_GAMMA, tracks="map"),
+        _paper(critic=OWN_VALUE, gamma=PAPER_GAMMA),
     ),
-    "paper-dh": Method(
-        "the paper's system without V^h", _network("paper", gate=Gate(), explorer=PAPER_EXPLORER, tracks="map")
-    ),
+    "paper-dh": Method("the paper's system without V^h", _paper()),
     "move_base": Method(
         "ROS's move_base: straight to the goal, the unknown taken as free; layered costmap, dynamic window, recoveries",
         TUNED_MOVE_BASE,
@@ -359,6 +363,7 @@ def stack_config(method: MethodConfig, localisation: Literal["slam", "odometry"]
             direct=method.explorer is None,
             perception=method.perception,
             slam=SlamConfig(localisation=localisation),
+            recovery=RecoveryConfig() if method.recovers else None,
             explorer=explorer,
         ),
     )

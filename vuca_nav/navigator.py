@@ -20,7 +20,7 @@ from vuca_nav.planning.costmap import CostmapConfig
 from vuca_nav.planning.planner import Planner, no_plan, straight_plan
 from vuca_nav.planning.survey import Survey
 from vuca_nav.policy.base import LocalGoal, LocalPolicy
-from vuca_nav.recovery import SAID, Recovery, RecoveryConfig, Rung
+from vuca_nav.recovery import NO_RECOVERY, SAID, Recovery, RecoveryConfig, Rung
 from vuca_nav.stack import Stack
 from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import STANDING, BodySpec, LidarSpec, Odometry, Pose2, Scan, VelocityCommand
@@ -68,7 +68,8 @@ class NavigatorConfig:
     """Whether the local policy heads for the goal itself: nothing is explored, and no path is planned."""
     perception: PerceptionConfig = field(default_factory=PerceptionConfig)
     slam: SlamConfig = field(default_factory=SlamConfig)
-    recovery: RecoveryConfig = field(default_factory=RecoveryConfig)
+    recovery: RecoveryConfig | None = field(default_factory=RecoveryConfig)
+    """None for a stack that only gives its target up where it makes no progress."""
     explorer: ExplorerConfig = field(default_factory=ExplorerConfig)
     costmap: CostmapConfig = field(default_factory=CostmapConfig)
 
@@ -123,7 +124,7 @@ class Navigator(Stack):
         self.slam = Slam(lidar, config.slam)
         self.explorer = Explorer(config.explorer, critic, telemetry)
         self.planner = Planner(telemetry)
-        self.recovery = Recovery(config.recovery, 1.0 / config.trigger_rate)
+        self.recovery = Recovery(config.recovery or NO_RECOVERY, 1.0 / config.trigger_rate)
         self.policy = policy
         self._planning_ticks = config.ticks(config.planning_rate)
         self._exploration_ticks = config.ticks(config.exploration_rate)

@@ -64,6 +64,10 @@ class RecoveryConfig:
     """Time for which it is barred [s]."""
 
 
+NO_RECOVERY = RecoveryConfig(patience=math.inf)
+"""Settings with which nothing is ever tried."""
+
+
 class Recovery:
     """Watches the progress along the path and climbs the rungs while there is none.
 

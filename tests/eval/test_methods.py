@@ -88,6 +88,7 @@ def test_the_table():
         "weights": "fusion-plus",
         "gate": {"uniform": False, "without": None},
         "hands_over": True,
+        "recovers": True,
         "shield": True,
         "critic": "critic",
         "explorer": {
@@ -378,6 +379,7 @@ def test_the_papers_system_is_as_printed():
             "look_ahead": None,
         },
         "gamma": PAPER_GAMMA,
+        "recovers": False,
         "tracks": "map",
     }
     assert resolve("paper-dh") == replace(paper, critic=None, gamma=None)
