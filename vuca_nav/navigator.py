@@ -42,7 +42,7 @@ class NavigatorConfig:
     """Rate at which the triggers are looked at [Hz]."""
     goal_tolerance: float = 0.05
     """Estimated distance at which the robot stops [m]: the rest of the mission's tolerance is left for SLAM's error."""
-    goal_error: float = 0.1
+    goal_error: float = 0.02
     """Part of the mission's tolerance that is left for SLAM's error where a place beside the goal stands for it [m]."""
     goal_slack: float = 0.12
     """Distance beyond which the robot approaches again, should the estimate have changed [m]."""
@@ -311,7 +311,8 @@ class Navigator(Stack):
             return None
         stop = config.goal_slack if self.arrived else config.goal_tolerance
         end = self.plan.waypoint_in_map if self.plan.is_final else self.goal
-        self.arrived = distance(map_from_base, end) < self.stops_within(stop)
+        left = self.tolerance - distance(end, self.goal)
+        self.arrived = distance(map_from_base, end) < min(self.stops_within(stop), max(0.5 * left, config.goal_error))
         if self.arrived or not len(self.plan.path_in_map) or not percept.is_valid:
             return None
         if self.recovery.waits:

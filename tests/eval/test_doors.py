@@ -33,3 +33,10 @@ def test_a_door_narrower_than_the_rule_is_refused_with_its_place_and_width(tmp_p
     said = rf"door.yaml: goal: no way leads .* {rule} m wide, .*: the widest is {width:.2f} m wide at \(\S+, 4.0\d\)"
     with pytest.raises(BadWorld, match=said):
         run_episode(EpisodeConfig(world=path, method="ours-dh", robot=robot))
+
+
+def test_a_goal_0_4_m_from_a_wall_is_reached(tmp_path):
+    path = str(tmp_path / "room.yaml")
+    save_scene(room_with_door(1.5), path)
+    row = run_episode(EpisodeConfig(world=path, goal=(11.4, 5.0), method="ours-dh", robot="tiago")).row()
+    assert row["outcome"] == "success"

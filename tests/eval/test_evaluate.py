@@ -318,12 +318,12 @@ def test_the_settings_that_are_kept_are_those_that_ran():
     assert (ours["navigator"]["alert_rate"], ours["navigator"]["explorer"]["gamma"]) == (1.0, 300.0)
     assert ours["shield"] == asdict(ShieldConfig())
     assert ours["shield"]["futures"] == asdict(FuturesConfig())
-    assert "dynamic_window" not in ours
+    assert ours["dynamic_window"] == asdict(DynamicWindowConfig())  # for ways narrower than it was trained on
     weighted = EpisodeConfig(method="ours", options=MethodOptions(gamma=2.0))
     assert settings(weighted)["navigator"]["explorer"]["gamma"] == 2.0
     assert settings(EpisodeConfig(method="ours", without="A")) == ours  # the task says so
     alone = settings(EpisodeConfig(method="fusion-plus", robot="go2", options=MethodOptions(gate="uniform")))
-    assert "shield" not in alone
+    assert not {"shield", "dynamic_window"} & set(alone)
     assert alone["gate"]["uniform"]
     window = settings(EpisodeConfig(method="dwa-dh"))
     assert (window["navigator"]["exploration_rate"], window["navigator"]["explorer"]["gamma"]) == (0.2, 0.0)
