@@ -47,6 +47,15 @@ def test_the_window_drives_in_narrow_ways_and_goes_on_from_the_other_policys_com
     assert policy.command(percept, NARROW) == DynamicWindow(disc_body(), LIDAR).command(percept, NARROW)
 
 
+def test_the_window_that_knows_nothing_of_movers_does_not_drive_beside_one():
+    boxes, start = room(10.0, 6.0), Pose2(3.0, 3.0, 0.0)
+    percept = Sensors().see(ranges_to_boxes(boxes, start), STANDING, Twist2(0.0, 0.0, 0.0))
+    for away, drives in ((1.5, "network"), (4.0, "window")):
+        policy = Handover(Turning(), DynamicWindow(disc_body(), LIDAR))
+        command = policy.command(replace(percept, moving=np.array([[0.0, away, 0.3]])), NARROW)
+        assert (command == TURN) == (drives == "network")
+
+
 def goals_on_the_way_through(width: float) -> list[LocalGoal]:
     """What the policy is asked in a room 1.5 m before a door of this width, in seconds of standing there."""
     side = 0.5 * (6.0 - width)
