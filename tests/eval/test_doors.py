@@ -35,8 +35,18 @@ def test_a_door_narrower_than_the_rule_is_refused_with_its_place_and_width(tmp_p
         run_episode(EpisodeConfig(world=path, method="ours-dh", robot=robot))
 
 
-def test_a_goal_0_4_m_from_a_wall_is_reached(tmp_path):
+@pytest.mark.parametrize(
+    ("robot", "method", "goal"),
+    [
+        ("tiago", "ours-dh", (11.4, 5.0)),
+        ("tiago", "dwa-dh", (11.5, 7.5)),  # 0.3 m from both walls of a corner
+        ("go2", "ours-dh", (11.5, 5.0)),
+        ("go2", "dwa-dh", (11.45, 7.45)),
+    ],
+)
+def test_a_goal_beside_a_wall_or_in_a_corner_is_reached(tmp_path, robot, method, goal):
     path = str(tmp_path / "room.yaml")
     save_scene(room_with_door(1.5), path)
-    row = run_episode(EpisodeConfig(world=path, goal=(11.4, 5.0), method="ours-dh", robot="tiago")).row()
+    row = run_episode(EpisodeConfig(world=path, goal=goal, method=method, robot=robot)).row()
     assert row["outcome"] == "success"
+    assert row["duration"] < 60.0

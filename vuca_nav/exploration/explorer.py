@@ -173,7 +173,7 @@ class Explorer:
         self._chosen_at, self._entropy = now, grid.entropy
         self._goal_was_known = grid.state(*self.goal) != 0
         self._blacklist = [entry for entry in self._blacklist if entry[2] > now]
-        near = paths.nearest(*self.goal, self.goal_reach)
+        near = paths.standing_place(*self.goal, self.goal_reach)
         if near is not None:
             self.target = Target(self.goal, near, is_goal=True)
             return self.target

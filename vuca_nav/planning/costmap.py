@@ -174,6 +174,19 @@ class Costmap:
         clearances: FloatArray = self.clearance[rows, columns].astype(np.float64) * self.unit
         return clearances
 
+    def parts_of(self, i: int, j: int) -> list[tuple[tuple[float, float], float]]:
+        """The map's cells that make up a cell: the centre of each in the map and its clearance [m]."""
+        parts = self.fine.shape[0] // self.state.shape[0]
+        size = self.resolution / parts
+        return [
+            (
+                (self.origin[0] + (b + 0.5) * size, self.origin[1] + (a + 0.5) * size),
+                float(self.fine[a, b]) * self.unit,
+            )
+            for a in range(parts * i, parts * (i + 1))
+            for b in range(parts * j, parts * (j + 1))
+        ]
+
     def contains(self, i: int, j: int) -> bool:
         """Whether the cell lies inside the array."""
         return 0 <= i < self.state.shape[0] and 0 <= j < self.state.shape[1]

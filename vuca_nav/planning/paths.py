@@ -11,6 +11,10 @@ from vuca_nav.planning.costmap import Costmap
 from vuca_nav.types import FloatArray
 
 UNREACHED = np.int32(2**31 - 1)
+EASY_ROOM = 0.15
+"""Room beyond that of a turn on the spot which makes a place easy to stand on [m]."""
+ROOM_WEIGHT = 4.0
+"""Weight of the square of the room that a place lacks, beside that of its distance."""
 CELL_NOISE = 5
 """Loss of clearance, in the costmap's unit, that says nothing: a cell of the map."""
 
@@ -71,27 +75,34 @@ class PathField:
         i, j = self.costmap.cell(x, y)
         return self.costmap.contains(i, j) and bool(self.cost[i, j] != UNREACHED)
 
-    def nearest(self, x: float, y: float, reach: float) -> tuple[float, float] | None:
-        """The point itself if a path leads to it, else the nearest place within reach to which one does.
+    def standing_place(self, x: float, y: float, reach: float) -> tuple[float, float] | None:
+        """The place to stand for a point: the point itself if it is reached and has room, else the best within reach.
+
+        The best one is neither far from the point nor without the ``EASY_ROOM`` that the body has to turn about in: it
+        has the least sum of squares of what either is off. None if no path leads to any place within reach.
 
         Args:
             x: Of the point in the map [m].
             y: Of the point in the map [m].
             reach: Greatest distance of the place [m].
         """
-        if self.reaches(x, y):
-            return x, y
-        middle_i, middle_j = self.costmap.cell(x, y)
-        cells = math.ceil(reach / self.costmap.resolution)
-        found: list[tuple[float, tuple[float, float]]] = []
-        for i in range(middle_i - cells, middle_i + cells + 1):
-            for j in range(middle_j - cells, middle_j + cells + 1):
-                if self.costmap.contains(i, j) and self.cost[i, j] != UNREACHED:
-                    point = self.costmap.point(i, j)
-                    away = math.dist(point, (x, y))
+        costmap = self.costmap
+        easy = costmap.turning * costmap.unit + EASY_ROOM
+        middle = costmap.cell(x, y)
+        best: tuple[float, tuple[float, float] | None] = math.inf, None
+        cells = math.ceil(reach / costmap.resolution)
+        for i in range(max(middle[0] - cells, 0), min(middle[0] + cells + 1, costmap.state.shape[0])):
+            for j in range(max(middle[1] - cells, 0), min(middle[1] + cells + 1, costmap.state.shape[1])):
+                if self.cost[i, j] == UNREACHED:
+                    continue
+                places = costmap.parts_of(i, j)
+                if (i, j) == middle:
+                    places.append(((x, y), float(costmap.clearance[i, j]) * costmap.unit))
+                for place, clearance in places:
+                    away = math.dist(place, (x, y))
                     if away <= reach:
-                        found.append((away, point))
-        return min(found)[1] if found else None
+                        best = min(best, (away**2 + ROOM_WEIGHT * max(easy - clearance, 0.0) ** 2, place))
+        return best[1]
 
     def path_to(self, x: float, y: float) -> FloatArray:
         """The cheapest path from the start to the point itself, (n, 2) [m]; (0, 2) if there is none."""

@@ -16,12 +16,16 @@ import numpy as np
 from vuca_nav.footprint import cover_by_discs
 from vuca_nav.geometry import compose
 from vuca_nav.kernel_cache import njit
-from vuca_nav.perception.distance_field import DistanceField, clearance_at
+from vuca_nav.perception.distance_field import DistanceField, clearance_at, smooth_clearance_at
 from vuca_nav.perception.percept import Percept
 from vuca_nav.policy.base import LocalGoal, LocalPolicy
 from vuca_nav.policy.delay import CommandDelay
 from vuca_nav.types import STANDING, STOP, BodySpec, LidarSpec, Pose2, VelocityCommand
 
+ROUGHLY = 2.0
+"""Greatest difference between a clearance read from the nearest cell and one that is interpolated, in cells."""
+LEAST_COMFORT = 0.02
+"""Clearance that is comfortable wherever the goal is [m]."""
 ROUNDING = 1e-9
 """Slack of the lower bounds of costs, so that no rounding makes one too high."""
 
@@ -278,6 +282,13 @@ _GETS_CLEAR = 1e-3
 
 
 @njit(cache=True)
+def _clearance(field, discs, precise_below, x, y, c, s):
+    """Clearance of the body at a pose, precise where it is small [m]."""
+    clearance = clearance_at(field, discs, x, y, c, s)
+    return smooth_clearance_at(field, discs, x, y, c, s) if clearance < precise_below else clearance
+
+
+@njit(cache=True)
 def _best(field, discs, settings, start, target, limits, last_w):
     """Find the cheapest admissible pair of velocities, and whether there was any.
 
@@ -295,11 +306,20 @@ def _best(field, discs, settings, start, target, limits, last_w):
         last_w: Yaw rate of the last command [rad/s].
     """
     num_v, num_w, steps, dt = settings.num_v_x, settings.num_w_z, settings.steps, settings.time_step
-    margin, comfort, horizon = settings.margin, settings.comfort, settings.horizon
+    margin, horizon = settings.margin, settings.horizon
+    comfort, comfort_weight = settings.comfort, settings.comfort_weight
+    comfort_reach = comfort + margin + ROUGHLY * field.resolution
     start_x, start_y, start_cos, start_sin = start
     goal_x, goal_y, is_final = target
     v_min, v_max, w_min, w_max = limits
-    clearance_now = clearance_at(field, discs, start_x, start_y, start_cos, start_sin) - margin
+    clearance_now = _clearance(field, discs, comfort_reach, start_x, start_y, start_cos, start_sin) - margin
+    if is_final:
+        # Where the goal's own place has less room than is comfortable, as much as it has is comfortable.
+        ahead = max(math.hypot(goal_x - start_x, goal_y - start_y), 1e-6)
+        c, s = (goal_x - start_x) / ahead, (goal_y - start_y) / ahead
+        room = max(_clearance(field, discs, comfort_reach, goal_x, goal_y, c, s) - margin, LEAST_COMFORT)
+        if room < comfort:
+            comfort, comfort_weight = room, comfort_weight * room / comfort
     vs = np.empty(num_v)
     for a in range(num_v):
         vs[a] = v_min + (v_max - v_min) * a / (num_v - 1)
@@ -332,7 +352,7 @@ def _best(field, discs, settings, start, target, limits, last_w):
             off = abs(math.atan2(c * (goal_y - y) - s * (goal_x - x), c * (goal_x - x) + s * (goal_y - y)))
             # One that is cut short ends somewhere on its way, and pays for touching.
             whole = away + settings.heading_weight * off * min(1.0, away)
-            bound = min(whole, least_away + settings.comfort_weight) - ROUNDING
+            bound = min(whole, least_away + comfort_weight) - ROUNDING
             bound += settings.turn_weight * abs(w - last_w) + settings.backward_weight * max(0.0, -vs[a]) * horizon
             bounds[b * num_v + a] = bound
             if bound < bounds[first]:
@@ -354,11 +374,11 @@ def _best(field, discs, settings, start, target, limits, last_w):
             x += 2.0 * half_x
             y += 2.0 * half_y
             c, s = headings[b, step, 2], headings[b, step, 3]
-            clearance = clearance_at(field, discs, x, y, c, s) - margin
+            clearance = _clearance(field, discs, comfort_reach, x, y, c, s) - margin
             # A step is longer than a corner is wide: between two places that are this near to obstacles, look again.
             if min(before, clearance) < 0.5 * abs(v) * dt:
                 half_c, half_s = headings[b, step, 0], headings[b, step, 1]
-                clearance = min(clearance, clearance_at(field, discs, x - half_x, y - half_y, half_c, half_s) - margin)
+                clearance = min(clearance, _clearance(field, discs, comfort_reach, x - half_x, y - half_y, half_c, half_s) - margin)
             before = clearance
             # Too near an obstacle the body may still move away from it.
             if clearance < 0.0 and clearance <= clearance_now + _GETS_CLEAR * step:
@@ -379,7 +399,7 @@ def _best(field, discs, settings, start, target, limits, last_w):
         cost = (
             away
             + settings.heading_weight * off * min(1.0, away)
-            + settings.comfort_weight * near * near
+            + comfort_weight * near * near
             + settings.turn_weight * abs(w - last_w)
             + settings.backward_weight * max(0.0, -v) * horizon
         )

@@ -280,14 +280,29 @@ def test_a_place_within_reach_stands_for_a_point_beside_a_wall():
     field = PathField(costmap, (3.0, 2.0))
     goal = (0.45, 2.03)
     assert not field.reaches(*goal)
-    place = field.nearest(*goal, 0.2)
+    place = field.standing_place(*goal, 0.2)
     assert place is not None
     assert field.reaches(*place)
     assert np.hypot(place[0] - goal[0], place[1] - goal[1]) <= 0.2
-    assert place[0] == pytest.approx(0.55, abs=0.06)
-    assert field.nearest(*goal, 0.02) is None
-    assert field.nearest(3.3, 2.2, 0.2) == (3.3, 2.2)
-    assert PathField(Costmap(grid, TIAGO, (3.0, 2.0), CostmapConfig()), (3.0, 2.0)).nearest(*goal, 0.0) == goal
+    # Of 0.22 m that it lacks for an easy turn, the place takes four fifths: 1 / (1 + 1 / ROOM_WEIGHT).
+    assert place[0] == pytest.approx(0.45 + 0.8 * 0.22, abs=0.05)
+    assert field.standing_place(*goal, 0.02) is None
+    assert field.standing_place(3.3, 2.2, 0.2) == (3.3, 2.2)
+
+
+def test_a_place_with_more_room_stands_for_a_point_that_leaves_a_little():
+    grid = as_grid(hall(60, 40))
+    field = PathField(Costmap(grid, TIAGO, (3.0, 2.0), CostmapConfig()), (3.0, 2.0))
+    goal = (0.45, 2.03)
+    assert field.reaches(*goal)
+    assert field.standing_place(*goal, 0.0) == goal
+    place = field.standing_place(*goal, 0.25)
+    assert place is not None
+    assert 0.5 < place[0] < 0.7
+    corner = field.standing_place(0.45, 0.45, 0.25)
+    assert corner is not None
+    assert corner[0] == pytest.approx(corner[1], abs=0.06)
+    assert 0.25 >= np.hypot(corner[0] - 0.45, corner[1] - 0.45) > 0.15
 
 
 def clutter(seed: int) -> OccupancyGrid:

@@ -58,6 +58,12 @@ def test_it_rounds_a_pillar_without_touching_it():
     assert least > 0.28
 
 
+def test_it_drives_up_to_a_goal_that_is_nearer_to_a_wall_than_is_comfortable():
+    poses, _, least = drive(room(12.0, 8.0), Pose2(2.0, 4.0, 0.0), (11.6, 4.0), 30.0)
+    assert distance(tuple(poses[-1, :2]), (11.6, 4.0)) < 0.1
+    assert least > 0.28
+
+
 def test_it_stops_before_a_wall_that_the_waypoint_lies_behind():
     boxes = np.vstack([room(12.0, 8.0), [[6.0, -0.1, 6.3, 8.1]]])
     poses, _, least = drive(boxes, Pose2(2.0, 4.0, 0.0), (10.0, 4.0), 20.0, is_final=False)

@@ -92,5 +92,5 @@ def test_a_late_body_decides_as_a_prompt_one_that_is_already_where_it_will_be(to
 
 
 def test_a_late_body_brakes_where_a_prompt_one_need_not():
-    assert command_at_full_speed(LONG, 1.05) == pytest.approx(1.2)
-    assert command_at_full_speed(replace(LONG, delay=1.0 / 6.0), 1.05) < 0.8
+    assert command_at_full_speed(LONG, 1.0) == pytest.approx(1.2)
+    assert command_at_full_speed(replace(LONG, delay=1.0 / 6.0), 1.0) < 0.8
