@@ -1,5 +1,6 @@
 """The lower layer's interface: from the percept and the waypoint to a velocity command."""
 
+import math
 from abc import ABC, abstractmethod
 from typing import NamedTuple
 
@@ -16,6 +17,8 @@ class LocalGoal(NamedTuple):
     """Whether it is the goal itself, at which to slow down and stop."""
     is_narrow: bool = False
     """Whether the way to it is narrow about the robot: narrower than any that networks are trained on."""
+    room: float = math.inf
+    """Least room that the way to it leaves at either side of the body about the robot [m]."""
 
 
 class LocalPolicy(ABC):

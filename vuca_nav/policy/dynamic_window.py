@@ -24,7 +24,11 @@ from vuca_nav.types import STANDING, STOP, BodySpec, LidarSpec, Pose2, VelocityC
 
 ROUGHLY = 2.0
 """Greatest difference between a clearance read from the nearest cell and one that is interpolated, in cells."""
-LEAST_COMFORT = 0.02
+PASSED = 0.2
+"""Distance at which a trajectory passes the waypoint [m]."""
+LEAST_COMFORT = 0.1
+"""Clearance that is comfortable however narrow the way is [m]: beneath it the body keeps to the middle."""
+LEAST_AT_GOAL = 0.02
 """Clearance that is comfortable wherever the goal is [m]."""
 ROUNDING = 1e-9
 """Slack of the lower bounds of costs, so that no rounding makes one too high."""
@@ -54,6 +58,8 @@ class DynamicWindowConfig:
     """Cost of a change of yaw rate by 1 rad/s: against weaving."""
     backward_weight: float = 0.5
     """Cost of a metre backwards."""
+    late_weight: float = 0.3
+    """Cost of a second by which a waypoint is passed later, if it is not the goal [m/s]."""
     brake_margin: float = 0.1
     """Clearance left when braking [m]."""
     recovery_turn: float = 0.5
@@ -93,10 +99,13 @@ class WindowSettings(NamedTuple):
     heading_weight: float
     turn_weight: float
     backward_weight: float
+    late_weight: float
     brake_margin: float
     """[m]"""
     max_a_x: float
     """[m/s^2]"""
+    radius: float
+    """Of the circle about the footprint [m]."""
 
 
 class EscapeSettings(NamedTuple):
@@ -154,8 +163,10 @@ class DynamicWindow(LocalPolicy):
             config.heading_weight,
             config.turn_weight,
             config.backward_weight,
+            config.late_weight,
             config.brake_margin,
             body.max_a_x,
+            body.radius,
         )
         self._escape_settings = EscapeSettings(
             body.radius + config.margin + 2.0 * config.escape_clearance,
@@ -217,7 +228,7 @@ class DynamicWindow(LocalPolicy):
             self._discs,
             self._window_settings,
             (start.x, start.y, math.cos(start.yaw), math.sin(start.yaw)),
-            (goal.point_in_base[0], goal.point_in_base[1], goal.is_final),
+            (goal.point_in_base[0], goal.point_in_base[1], goal.room, goal.is_final),
             (
                 max(body.min_v_x, self._last.v_x - c.window * body.max_a_x),
                 min(body.max_v_x, self._last.v_x + c.window * body.max_a_x),
@@ -230,7 +241,7 @@ class DynamicWindow(LocalPolicy):
 
     def _clearance_to_turn(self, field: DistanceField, start: Pose2) -> float:
         """Least clearance of the body over a full turn on the spot [m]."""
-        return clearance_at(field, self._turning_disc, start.x, start.y, 1.0, 0.0) - self.config.margin
+        return smooth_clearance_at(field, self._turning_disc, start.x, start.y, 1.0, 0.0) - self.config.margin
 
     def _way_out(self, percept: Percept, goal: LocalGoal, field: DistanceField, start: Pose2) -> VelocityCommand | None:
         """The velocity towards a place where the body can turn, once it is stuck where it cannot; None otherwise."""
@@ -300,26 +311,26 @@ def _best(field, discs, settings, start, target, limits, last_w):
         discs: (k, 3) discs that cover the body.
         settings: Settings of the window.
         start: x, y, cosine and sine of the yaw in base_link, where trajectories begin [m].
-        target: x and y of the waypoint in base_link [m], and whether it is the goal: a trajectory that passes over
-            that need not end on it.
+        target: x and y of the waypoint in base_link, the room that the way to it leaves [m], and whether it is the
+            goal. A trajectory that passes over the waypoint need not end on it.
         limits: Least and greatest v_x [m/s] and w_z [rad/s] to try.
         last_w: Yaw rate of the last command [rad/s].
     """
     num_v, num_w, steps, dt = settings.num_v_x, settings.num_w_z, settings.steps, settings.time_step
     margin, horizon = settings.margin, settings.horizon
-    comfort, comfort_weight = settings.comfort, settings.comfort_weight
-    comfort_reach = comfort + margin + ROUGHLY * field.resolution
     start_x, start_y, start_cos, start_sin = start
-    goal_x, goal_y, is_final = target
-    v_min, v_max, w_min, w_max = limits
-    clearance_now = _clearance(field, discs, comfort_reach, start_x, start_y, start_cos, start_sin) - margin
+    goal_x, goal_y, room, is_final = target
+    # Where the way or the goal has less room than is comfortable, as much as it has is comfortable.
+    comfort, comfort_weight = min(settings.comfort, max(room - margin, LEAST_COMFORT)), settings.comfort_weight
     if is_final:
-        # Where the goal's own place has less room than is comfortable, as much as it has is comfortable.
         ahead = max(math.hypot(goal_x - start_x, goal_y - start_y), 1e-6)
         c, s = (goal_x - start_x) / ahead, (goal_y - start_y) / ahead
-        room = max(_clearance(field, discs, comfort_reach, goal_x, goal_y, c, s) - margin, LEAST_COMFORT)
+        room = max(smooth_clearance_at(field, discs, goal_x, goal_y, c, s) - margin, LEAST_AT_GOAL)
         if room < comfort:
             comfort, comfort_weight = room, comfort_weight * room / comfort
+    comfort_reach = comfort + margin + ROUGHLY * field.resolution
+    v_min, v_max, w_min, w_max = limits
+    clearance_now = _clearance(field, discs, comfort_reach, start_x, start_y, start_cos, start_sin) - margin
     vs = np.empty(num_v)
     for a in range(num_v):
         vs[a] = v_min + (v_max - v_min) * a / (num_v - 1)
@@ -348,7 +359,7 @@ def _best(field, discs, settings, start, target, limits, last_w):
             headings[b, step, 2], headings[b, step, 3] = c, s
         for a in range(num_v):
             x, y, least_away = xs[a], ys[a], math.sqrt(nearest_of[a])
-            away = least_away if is_final else math.hypot(goal_x - x, goal_y - y)
+            away = least_away
             off = abs(math.atan2(c * (goal_y - y) - s * (goal_x - x), c * (goal_x - x) + s * (goal_y - y)))
             # One that is cut short ends somewhere on its way, and pays for touching.
             whole = away + settings.heading_weight * off * min(1.0, away)
@@ -367,7 +378,7 @@ def _best(field, discs, settings, start, target, limits, last_w):
         x, y, c, s = start_x, start_y, start_cos, start_sin
         least = 1e9
         nearest = (goal_x - x) ** 2 + (goal_y - y) ** 2
-        free = horizon
+        free, passed = horizon, horizon
         before = clearance_now
         for step in range(steps):
             half_x, half_y = 0.5 * v * headings[b, step, 0] * dt, 0.5 * v * headings[b, step, 1] * dt
@@ -376,23 +387,26 @@ def _best(field, discs, settings, start, target, limits, last_w):
             c, s = headings[b, step, 2], headings[b, step, 3]
             clearance = _clearance(field, discs, comfort_reach, x, y, c, s) - margin
             # A step is longer than a corner is wide: between two places that are this near to obstacles, look again.
-            if min(before, clearance) < 0.5 * abs(v) * dt:
+            if min(before, clearance) < 0.5 * (abs(v) + abs(w) * settings.radius) * dt:
                 half_c, half_s = headings[b, step, 0], headings[b, step, 1]
-                clearance = min(clearance, _clearance(field, discs, comfort_reach, x - half_x, y - half_y, half_c, half_s) - margin)
+                between = _clearance(field, discs, comfort_reach, x - half_x, y - half_y, half_c, half_s) - margin
+                clearance = min(clearance, between)
             before = clearance
             # Too near an obstacle the body may still move away from it.
             if clearance < 0.0 and clearance <= clearance_now + _GETS_CLEAR * step:
                 free = step * dt
                 break
             least = min(least, clearance)
-            nearest = min(nearest, (goal_x - x) ** 2 + (goal_y - y) ** 2)
+            apart = (goal_x - x) ** 2 + (goal_y - y) ** 2
+            if apart < nearest:
+                nearest, passed = apart, (step + 1) * dt
         if free < horizon:
             if abs(v) < 1e-6 and clearance_now >= 0.0:
                 continue
             if abs(v) * free < v * v / (2.0 * settings.max_a_x) + settings.brake_margin:
                 continue
             least = 0.0
-        away = math.sqrt(nearest) if is_final else math.hypot(goal_x - x, goal_y - y)
+        away = math.sqrt(nearest)
         # Angle between the heading at the end and the direction to the waypoint.
         off = abs(math.atan2(c * (goal_y - y) - s * (goal_x - x), c * (goal_x - x) + s * (goal_y - y)))
         near = max(0.0, (comfort - max(least, 0.0)) / comfort)
@@ -403,6 +417,8 @@ def _best(field, discs, settings, start, target, limits, last_w):
             + settings.turn_weight * abs(w - last_w)
             + settings.backward_weight * max(0.0, -v) * horizon
         )
+        if not is_final:
+            cost += settings.late_weight * (passed if away < PASSED else horizon)
         if cost < best_cost or (cost == best_cost and index < best):
             best_cost, best, best_v, best_w = cost, index, v, w
     return best_v, best_w, best >= 0
@@ -424,7 +440,7 @@ def _clearest(field, discs, centre, settings, start, last):
     """
     dt = settings.time_step
     start_x, start_y, start_cos, start_sin = start
-    now = clearance_at(field, discs, start_x, start_y, start_cos, start_sin)
+    now = smooth_clearance_at(field, discs, start_x, start_y, start_cos, start_sin)
     best = -1e30
     best_x, best_y, best_w = 0.0, 0.0, 0.0
     for k in range(_ESCAPE_DIRECTIONS + 1):
@@ -443,8 +459,8 @@ def _clearest(field, discs, centre, settings, start, last):
                 x += (v_x * c - v_y * s) * dt
                 y += (v_x * s + v_y * c) * dt
                 c, s = c * half_cos - s * half_sin, s * half_cos + c * half_sin
-                least = min(least, clearance_at(field, discs, x, y, c, s))
-            gain = min(clearance_at(field, centre, x, y, 1.0, 0.0), settings.enough)
+                least = min(least, smooth_clearance_at(field, discs, x, y, c, s))
+            gain = min(smooth_clearance_at(field, centre, x, y, 1.0, 0.0), settings.enough)
             # Beyond a cell's clearance a loss counts nothing.
             loss = max(0.0, min(now, field.resolution) - least)
             change = abs(v_x - last[0]) + abs(v_y - last[1]) + _TURN_SHARE * abs(w - last[2])

@@ -45,6 +45,32 @@ def test_on_open_floor_it_goes_straight_at_full_speed():
     assert distance(tuple(poses[-1, :2]), (25.0, 5.0)) < 0.1
 
 
+def test_it_does_not_brake_for_a_waypoint_that_it_passes():
+    _, commands, _ = drive(room(30.0, 10.0), Pose2(2.0, 5.0, 0.0), (6.0, 5.0), 20.0, is_final=False)
+    assert commands[-1, 0] == pytest.approx(1.0)
+
+
+def ticks_through_a_door(room_at_the_sides: float) -> int:
+    """Through a door 0.18 m wider than the body, at 0.3 m/s at most, straight on."""
+    side = 4.0 - 0.28 - 0.09
+    boxes = np.vstack([room(12.0, 8.0), [[6.0, 0.0, 6.15, side], [6.0, 8.0 - side, 6.15, 8.0]]])
+    policy, sensors, pose = DynamicWindow(disc_body(), LIDAR), Sensors(), Pose2(4.5, 4.0, 0.0)
+    command, motion = STOP, STANDING
+    for tick in range(round(20.0 / DT)):
+        goal = LocalGoal((8.0 - pose.x, 0.0), is_final=False, room=room_at_the_sides)
+        command = policy.command(sensors.see(ranges_to_boxes(boxes, pose), motion, Twist2(*command)), goal)
+        motion = Pose2(min(command.v_x, 0.3) * DT, 0.0, 0.0)
+        pose = compose(pose, motion)
+        if pose.x > 6.5:
+            return tick
+    return round(20.0 / DT)
+
+
+def test_what_room_a_way_has_is_comfortable():
+    """It does not hesitate before a door of which it knows that the way has no more room: 0.3 m/s, and a fifth more."""
+    assert ticks_through_a_door(0.09) < 1.2 * 2.0 / 0.3 / DT
+
+
 def test_it_turns_round_for_a_goal_behind():
     poses, _, least = drive(room(10.0, 10.0), Pose2(5.0, 5.0, 0.0), (1.5, 5.0), 30.0)
     assert distance(tuple(poses[-1, :2]), (1.5, 5.0)) < 0.1

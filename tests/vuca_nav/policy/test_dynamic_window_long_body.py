@@ -91,6 +91,8 @@ def test_a_late_body_decides_as_a_prompt_one_that_is_already_where_it_will_be(to
     assert late == pytest.approx(command_at_full_speed(LONG, to_wall), abs=0.08)  # 0.075 between two of the window
 
 
-def test_a_late_body_brakes_where_a_prompt_one_need_not():
-    assert command_at_full_speed(LONG, 1.0) == pytest.approx(1.2)
-    assert command_at_full_speed(replace(LONG, delay=1.0 / 6.0), 1.0) < 0.8
+@pytest.mark.parametrize("to_wall", [0.8, 0.9, 1.0])
+def test_a_late_body_brakes_harder_than_a_prompt_one(to_wall):
+    prompt = command_at_full_speed(LONG, to_wall)
+    assert 0.6 < prompt < 1.2
+    assert command_at_full_speed(replace(LONG, delay=1.0 / 6.0), to_wall) < prompt - 0.2
