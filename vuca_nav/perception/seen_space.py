@@ -27,6 +27,9 @@ START_ROOM = 0.2
 """Free space around the body when it is put down [m]."""
 _TOUCH = CELL * math.sqrt(0.5)
 """Distance of a cell's middle from a disc up to which the disc may touch it [m]."""
+_THROUGH = 0.04
+"""Distance of a remembered return from a beam or into a disc at which it cannot be there any more [m]: the range noise
+and odometry's error. A beam that only grazes its cell says nothing about it."""
 
 
 class _Space(NamedTuple):
@@ -35,6 +38,8 @@ class _Space(NamedTuple):
     seen: NDArray[np.int64]
     """(CELLS, CELLS) tick at which a cell was last seen, counted from 1: free, or negative with an obstacle in it; 0 if
     it is not known."""
+    point: FloatArray
+    """(CELLS, CELLS, 2) the last return from a cell with an obstacle in it [m]."""
     corner: NDArray[np.int64]
     """(2,) x and y of the lower left cell."""
 
@@ -50,7 +55,7 @@ class SeenSpace:
     def __init__(self, discs: FloatArray, rate: float):
         self._discs = discs
         self._size = float((np.hypot(discs[:, 0], discs[:, 1]) + discs[:, 2]).max())
-        self._space = _Space(np.zeros((CELLS, CELLS), np.int64), np.zeros(2, np.int64))
+        self._space = _Space(np.zeros((CELLS, CELLS), np.int64), np.zeros((CELLS, CELLS, 2)), np.zeros(2, np.int64))
         self._memory = round(MEMORY * rate)
         self.reset()
 
@@ -106,7 +111,7 @@ def _centre(space, pose):
 
 @njit(cache=True)
 def _cover(space, tick, pose, discs):
-    """Mark the cells that discs of the body touch as free."""
+    """Mark the cells that discs of the body touch as free, but for remembered returns outside of the discs."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     for d in range(len(discs)):
         x = pose[0] + c * discs[d, 0] - s * discs[d, 1]
@@ -115,8 +120,14 @@ def _cover(space, tick, pose, discs):
         for i in range(int(math.floor((y - reach) / CELL)), int(math.floor((y + reach) / CELL)) + 1):
             for j in range(int(math.floor((x - reach) / CELL)), int(math.floor((x + reach) / CELL)) + 1):
                 away_x, away_y = (j + 0.5) * CELL - x, (i + 0.5) * CELL - y
-                if away_x * away_x + away_y * away_y < reach * reach and _contains(space, i, j):
-                    space.seen[i % CELLS, j % CELLS] = tick
+                if away_x * away_x + away_y * away_y >= reach * reach or not _contains(space, i, j):
+                    continue
+                row, column = i % CELLS, j % CELLS
+                if space.seen[row, column] < 0:
+                    away_x, away_y = space.point[row, column, 0] - x, space.point[row, column, 1] - y
+                    if math.hypot(away_x, away_y) > discs[d, 2] - _THROUGH:
+                        continue
+                space.seen[row, column] = tick
 
 
 @njit(cache=True)
@@ -147,15 +158,22 @@ def _see(space, tick, pose, ranges, beams):
             i, j = int(math.floor((y0 + m * step * dy) / CELL)), int(math.floor((x0 + m * step * dx) / CELL))
             if not _contains(space, i, j):
                 break
-            space.seen[i % CELLS, j % CELLS] = tick
+            row, column = i % CELLS, j % CELLS
+            if space.seen[row, column] < 0:
+                px, py = space.point[row, column, 0] - x0, space.point[row, column, 1] - y0
+                if abs(px * dy - py * dx) > _THROUGH or px * dx + py * dy > r - _THROUGH:
+                    continue
+            space.seen[row, column] = tick
     for k in range(len(ranges)):
         r = ranges[k]
         if r < np.inf:
             dx = c * beams.directions[k, 0] - s * beams.directions[k, 1]
             dy = s * beams.directions[k, 0] + c * beams.directions[k, 1]
-            i, j = int(math.floor((y0 + r * dy) / CELL)), int(math.floor((x0 + r * dx) / CELL))
+            x, y = x0 + r * dx, y0 + r * dy
+            i, j = int(math.floor(y / CELL)), int(math.floor(x / CELL))
             if _contains(space, i, j):
                 space.seen[i % CELLS, j % CELLS] = -tick
+                space.point[i % CELLS, j % CELLS, 0], space.point[i % CELLS, j % CELLS, 1] = x, y
 
 
 @njit(cache=True)
@@ -171,6 +189,12 @@ def _fill(space, pose, ring, gaps):
         for m in range(int(0.5 * CELLS * CELL / step)):
             i = int(math.floor((pose[1] + m * step * dy) / CELL))
             j = int(math.floor((pose[0] + m * step * dx) / CELL))
-            if _contains(space, i, j) and space.seen[i % CELLS, j % CELLS] <= 0:
+            if not _contains(space, i, j):
+                continue
+            row, column = i % CELLS, j % CELLS
+            if space.seen[row, column] < 0:
+                ring[b] = math.hypot(space.point[row, column, 0] - pose[0], space.point[row, column, 1] - pose[1])
+                break
+            if space.seen[row, column] == 0:
                 ring[b] = m * step
                 break

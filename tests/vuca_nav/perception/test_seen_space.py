@@ -53,6 +53,19 @@ def test_behind_a_robot_that_was_put_down_nothing_is_known_but_its_own_place():
     assert len(drive.percept.tracks) == 0  # the border of the unknown is nothing that may move
 
 
+def test_a_wall_beside_the_body_that_is_out_of_sight_stays_where_it_was_seen():
+    """The body goes along a wall and turns its blind side to it: 5 cm of room must not become free ground."""
+    drive = Drive()
+    drive.pose = drive.start = Pose2(6.0, 0.33, 0.0)  # the disc's edge is 5 cm from the wall at y = 0
+    for _ in range(30):
+        drive.step(v_x=1.0)
+    for _ in range(45):
+        ring = drive.step(w_z=math.pi / 3.0).ring
+    # It looks away from the wall now, which lies behind.
+    assert drive.pose.yaw == pytest.approx(math.pi / 2.0)
+    assert ring[BEHIND] == pytest.approx(0.33, abs=0.06)
+
+
 def test_what_it_has_passed_it_knows_until_it_forgets():
     drive = Drive()
     for _ in range(90):
