@@ -27,7 +27,7 @@ from vuca_nav.task import time_limit
 from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import Odometry, Scan
 from vuca_nav.wire import round_pose
-from worlds.checks import check_task
+from worlds.checks import check_task, fitting_heading
 from worlds.importers.sources import Bringing, is_brought, with_task
 from worlds.registry import make_world, ordered_difficulties
 from worlds.world import World
@@ -64,8 +64,9 @@ class EpisodeConfig:
     """Factor on the speeds of the moving obstacles."""
     sighted: float | None = None
     """Share of the moving obstacles that see the robot and give way to it; None: as the world has it."""
-    start: tuple[float, float, float] | None = None
-    """Start instead of the world's own: x [m], y [m], yaw [rad]."""
+    start: tuple[float, float, float | None] | None = None
+    """Start instead of the world's own: x [m], y [m], yaw [rad]; without a yaw the heading in which the body fits that
+    is nearest to the goal's direction, where there is a goal."""
     goal: tuple[float, float] | None = None
     """Goal instead of the world's own [m]."""
     tolerance: float | None = None
@@ -95,7 +96,7 @@ class EpisodeConfig:
             ("time-limit", (self.time_limit or 0.0,)),
         ):
             for number in numbers or ():
-                if not math.isfinite(number):
+                if number is not None and not math.isfinite(number):
                     raise BadArgument(f"--{name}: {number} is not a finite number")
         for name, number, most in (("tolerance", self.tolerance, 100.0), ("time-limit", self.time_limit, 1e5)):
             if number is not None and not 0.0 < number <= most:
@@ -333,8 +334,14 @@ def run_episode(config: EpisodeConfig, telemetry: Telemetry | None = None) -> Ep
 
 def bringing_of(config: EpisodeConfig) -> Bringing:
     """How the world of an episode is brought in."""
+    start = config.start
+    if start is not None:
+        x, y, yaw = start
+        if yaw is None:
+            yaw = 0.0 if config.goal is None else math.atan2(config.goal[1] - y, config.goal[0] - x)
+        start = x, y, yaw
     return Bringing(
-        config.start,
+        start,
         config.goal,
         config.tolerance,
         config.time_limit,
@@ -361,6 +368,8 @@ def _make_task(config: EpisodeConfig, body: Body) -> World:
     )
     world = with_task(world, bringing)
     start = world.start
+    if config.start is not None and config.start[2] is None:
+        start = start._replace(yaw=fitting_heading(world, body.spec.footprint, body.height))
     if abs(start.yaw) > math.pi:
         start = start._replace(yaw=wrap_angle(start.yaw))
     return replace(world, start=round_pose(start))

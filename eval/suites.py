@@ -23,8 +23,8 @@ class Task:
     """Factor on the movers' speeds."""
     sighted: float | None = None
     """Share of the movers that see the robot; None: as the world has it."""
-    start: tuple[float, float, float] | None = None
-    """Start instead of the world's own: x [m], y [m], yaw [rad]."""
+    start: tuple[float, float, float | None] | None = None
+    """Start instead of the world's own: x [m], y [m], yaw [rad], or None for a heading in which the body fits."""
     goal: tuple[float, float] | None = None
     """Goal instead of the world's own [m]."""
     tolerance: float | None = None

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from vuca_nav.errors import BadWorld
-from vuca_nav.footprint import cover_by_discs, half_way, size_of
+from vuca_nav.footprint import ROOM, cover_by_discs, half_way, size_of
 from vuca_nav.task import GOAL_TOLERANCE
 from vuca_nav.types import FloatArray
 from worlds.arrays import pack_shapes
@@ -34,6 +34,8 @@ MAX_EXTENT = 200.0
 MIN_HEIGHT = 0.05
 """Least height of an obstacle's or mover's top above the floor [m]. A robot's collision hull ends above the floor,
 TIAGo's at 0.023 m: it would pass over anything lower without a contact."""
+HEADINGS = 32
+"""Number of headings at the start that are tried where a task names none."""
 _HALF_DIAGONAL = 0.71
 """Half the diagonal of a unit cell, rounded up."""
 _ROUNDING = 1e-6
@@ -165,6 +167,36 @@ def check_task(
             f"as wide as the body and 0.10 m: {found}",
         )
     return length
+
+
+def fitting_heading(world: World, footprint: FloatArray, height: float = TALLEST) -> float:
+    """The heading at the start, of those in which the body fits there, that is nearest to the goal's direction [rad].
+
+    It fits with ``ROOM`` / 2 around it if it can, and if it cannot, as it stands. Where it fits in none, it is the
+    goal's direction itself: ``check_task`` then says what it meets.
+
+    Args:
+        world: Any world.
+        footprint: Convex outline of the body in base_link (n, 2) [m].
+        height: Height of the body [m]; what hangs above it is not in its way.
+    """
+    (x, y, _), discs = world.start, cover_by_discs(footprint)
+    shapes = pack_shapes([obstacle.shape for obstacle in world.obstacles if obstacle.shape.base < height])
+    x0, y0, x1, y1 = (-math.inf, -math.inf, math.inf, math.inf) if world.open_borders else world.bounds
+    towards = math.atan2(world.goal[1] - y, world.goal[0] - x)
+    for room in (0.5 * ROOM, 0.0):
+        for k in range(HEADINGS):
+            yaw = towards + (k + 1) // 2 * (-1) ** k * 2.0 * math.pi / HEADINGS
+            for along, aside, radius in discs.tolist():
+                u = x + along * math.cos(yaw) - aside * math.sin(yaw)
+                v = y + along * math.sin(yaw) + aside * math.cos(yaw)
+                distance, which = clearance_at(shapes, u, v)
+                least = radius + room
+                if min(u - x0, x1 - u, v - y0, y1 - v) < least or (which >= 0 and distance <= least):
+                    break
+            else:
+                return yaw
+    return towards
 
 
 def _check_height(top: float, field: str, source: str) -> None:

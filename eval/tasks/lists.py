@@ -1,6 +1,5 @@
 """Tasks of public lists of maps (``worlds.importers.map_lists``), for ``vuca eval --tasks``."""
 
-import math
 import sys
 from pathlib import Path
 from typing import Any
@@ -33,9 +32,9 @@ def tasks_of_list(source: Path, content: list[Any]) -> tuple[NamedTask, ...]:
 
 
 def _task(source: Path, name: str, entry: Fields, fields: Fields) -> Task:
-    """The task: one that gives no heading begins facing its goal."""
+    """The task: one that gives no heading begins facing its goal, as far as the body fits so."""
     start, goal = fields.listed("start", 2, 3), fields.listed("goal", 2, 3)
-    yaw = start[2] if len(start) == 3 else math.atan2(goal[1] - start[1], goal[0] - start[0])
+    yaw = start[2] if len(start) == 3 else None
     people = f"keyframes:{source}#{name}" if fields.mappings("dynamic", MOST) else None
     return Task(
         f"map:{map_of(source, entry)}", start=(start[0], start[1], yaw), goal=(goal[0], goal[1]), obstacles=people

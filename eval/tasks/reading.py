@@ -4,7 +4,6 @@ A file of tasks is YAML or JSON (docs/your-own-map.md); a folder of worlds is a 
 lists of maps in JSON with ``third_party_tasks`` and ``auto_tasks`` are read by ``eval.tasks.lists``.
 """
 
-import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -109,10 +108,8 @@ def _of_file(source: Path, content: Any) -> Iterator[NamedTask]:
             name = entry.text("name") if "name" in entry else path_of(world).stem
             start = _pose(entry)
             goal = _point(entry, "goal") if "goal" in entry else None
-            if start is not None and start[2] is None:
-                if goal is None:
-                    raise entry.error("start", "yaw missing; it is towards the goal only where the task has one")
-                start = (*start[:2], math.atan2(goal[1] - start[1], goal[0] - start[0]))
+            if start is not None and start[2] is None and goal is None:
+                raise entry.error("start", "yaw missing; it is towards the goal only where the task has one")
             given = {
                 "start": start,
                 "goal": goal,

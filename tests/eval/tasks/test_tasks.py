@@ -1,7 +1,6 @@
 """Tasks apart from worlds: files and folders of them, BARN's score by hand, refused tasks as rows."""
 
 import json
-import math
 
 import numpy as np
 import pytest
@@ -65,13 +64,29 @@ def test_a_file_of_tasks(folder):
     assert [task.name for task in tasks] == ["through the door", "room", "world_1", "world_2", "square"]
     first, second, third, _, last = (each.task for each in tasks)
     world = f"map:{folder / 'maps' / 'room.yaml'}"
-    # Without a heading it begins facing its goal.
-    assert first == Task(world, start=(1, 1, math.atan2(2, 4)), goal=(5, 3), tolerance=0.5, unknown="free")
+    # Without a heading it begins facing its goal, as far as the body fits so.
+    assert first == Task(world, start=(1, 1, None), goal=(5, 3), tolerance=0.5, unknown="free")
     assert second == Task(world, start=(1, 1, 0.5), goal=(2, 3), tolerance=1, unknown="free")
     assert (third.world, third.time_limit, third.tolerance) == (f"barn:{folder / 'world_1.json'}", 50, 0.5)
     assert (last.world, tasks[-1].optimal_length) == ("square", 20.0)
     assert [task.optimal_length for task in tasks[:4]] == [None, None, 4.0, None]
     assert set(files_of(tasks)) == {str(folder / name) for name in ("maps/room.yaml", "world_1.json", "world_2.json")}
+
+
+def test_a_body_begins_in_a_heading_in_which_it_fits(folder):
+    """Between two walls 0.5 m apart with the goal across them, the Go2 begins along them."""
+    pixels = np.full((80, 80), 254, np.uint8)
+    pixels[32:34, :60] = pixels[39:41, :60] = 0  # rows from above: walls at y = 3.9 to 4.0 and 4.6 to 4.7 m at 0.1 m
+    Image.fromarray(pixels).save(folder / "maps" / "lane.png")
+    fields = {"image": "lane.png", "resolution": 0.1, "origin": [0, 0, 0], "negate": 0}
+    (folder / "maps" / "lane.yaml").write_text(yaml.safe_dump(fields))
+    entry = {"name": "out", "world": "map:maps/lane.yaml", "start": {"x": 4, "y": 4.35}, "goal": {"x": 4, "y": 7}}
+    (task,) = read_tasks(written(folder, [entry]))
+    begun = Episode(EpisodeConfig(world=task.task.world, start=task.task.start, goal=task.task.goal, robot="go2"))
+    assert abs(np.sin(begun.world.start.yaw)) < 0.3
+    # A round body faces its goal.
+    round_one = Episode(EpisodeConfig(world=task.task.world, start=(2.0, 2.0, None), goal=(4, 7), robot="tiago"))
+    assert round_one.world.start.yaw == pytest.approx(np.arctan2(5.0, 2.0), abs=1e-4)
 
 
 def test_a_folder_of_worlds_is_a_task_for_each(folder):
@@ -102,7 +117,7 @@ def test_a_list_of_maps_with_the_sources_own_tasks(folder, capsys):
     path.write_text(json.dumps(content))
     first, second = read_tasks(path)
     assert (first.name, first.optimal_length, first.task.start) == ("ours-room-t", 5.5, (1, 1, 0.2))
-    assert (second.name, second.task.start, second.task.goal) == ("ours-room-auto-0", (1, 1, math.pi / 2), (1, 3))
+    assert (second.name, second.task.start, second.task.goal) == ("ours-room-auto-0", (1, 1, None), (1, 3))
     assert "1 tasks have no goal" in capsys.readouterr().err
     (config,) = episodes_of(suite_of(path, [first]))
     (walker,) = Episode(config).world.movers
