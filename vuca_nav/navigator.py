@@ -13,9 +13,10 @@ from vuca_nav.footprint import ROOM, cover_by_discs, half_way
 from vuca_nav.geometry import compose, distance, transform_points
 from vuca_nav.mapping.grid import OccupancyGrid
 from vuca_nav.mapping.slam import Slam, SlamConfig, SlamEstimate
-from vuca_nav.perception.percept import Percept
+from vuca_nav.perception.percept import MOVERS_NEAR, Percept
 from vuca_nav.perception.perception import Perception, PerceptionConfig
 from vuca_nav.perception.readings import FARTHEST
+from vuca_nav.perception.standing_map import StandingMap
 from vuca_nav.planning.costmap import CostmapConfig
 from vuca_nav.planning.planner import Planner, no_plan, straight_plan
 from vuca_nav.planning.survey import Survey
@@ -117,10 +118,12 @@ class Navigator(Stack):
             )
         self.body = body
         self._discs = cover_by_discs(body.footprint)
+        self._half_width = float(self._discs[:, 2].max())
         self._least_width = 2.0 * (half_way(body.footprint) - ROOM) + config.window_room
         self.config = config
         self.telemetry = telemetry
         self.perception = Perception(lidar, config.perception, body, config.rate)
+        self._standing = StandingMap(config.rate)
         self.slam = Slam(lidar, config.slam)
         self.explorer = Explorer(config.explorer, critic, telemetry)
         self.planner = Planner(telemetry)
@@ -146,6 +149,7 @@ class Navigator(Stack):
         goal = None if goal is None else _checked_goal(goal)
         start = Pose2(*(float(value) for value in start))
         self.perception.reset()
+        self._standing.reset()
         self.slam.reset(start, prior_map)
         self.policy.reset()
         self.start = start
@@ -189,10 +193,13 @@ class Navigator(Stack):
         Raises:
             BadArgument: If the scan has another number of beams than the lidar, or ranges that are no numbers.
         """
-        self.percept = percept = self.perception.update(scan, odometry)
+        self.percept = percept = self.perception.update(scan, odometry, self._standing)
         estimate = self.slam.update(percept)
         self._follow(estimate.map_correction)
         self.map_from_base = estimate.map_from_base
+        grid = estimate.navigation_grid
+        poses = estimate.map_from_base, percept.odom_from_base
+        self._standing.take(grid.level, grid.origin, grid.resolution, poses)
         self.telemetry.estimated_pose(estimate.map_from_base, compose(self.start, percept.odom_from_base))
         if percept.is_new:
             self.telemetry.scan(percept.scan, estimate.points_in_map)
@@ -267,7 +274,7 @@ class Navigator(Stack):
         place = estimate.map_from_base[:2]
         if self.arrived or not percept.is_valid:
             return None
-        rung = self.recovery.update(percept.stamp, place, self.plan, percept.moving)
+        rung = self.recovery.update(percept.stamp, place, self.plan, percept.moves_within(MOVERS_NEAR))
         if rung is None:
             return None
         self.telemetry.event(SAID[rung], "WARN")
@@ -328,7 +335,8 @@ class Navigator(Stack):
         # Where the window has not got on either, the network has another try once the robot has backed out.
         fits = self._least_width <= width <= self._narrow
         is_narrow = back is not None or (fits and not self.recovery.tries_other_driver)
-        return LocalGoal((c * dx + s * dy, -s * dx + c * dy), self.plan.is_final and back is None, is_narrow)
+        room = 0.5 * width - self._half_width
+        return LocalGoal((c * dx + s * dy, -s * dx + c * dy), self.plan.is_final and back is None, is_narrow, room)
 
     def _is_stuck(self, pose: Pose2) -> bool:
         if distance(pose, self._moved_from) > self.config.stuck_distance:

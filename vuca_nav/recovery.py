@@ -48,8 +48,6 @@ class RecoveryConfig:
     """Length that the robot must get on along its path [m]."""
     step: float = 0.3
     """Distance between two places by which that is measured: the path's length is known to a cell or so [m]."""
-    movers: float = 3.0
-    """Distance of a moving track within which the robot may be waiting for it [m]."""
     back: float = 0.8
     """Distance to back out [m]."""
     back_time: float = 3.0
@@ -91,16 +89,16 @@ class Recovery:
         self.barred: list[tuple[float, float, float]] = []
         self._trail.clear()
         self._advance = self._most = self._idle = 0.0
-        self._last: tuple[Point, float] | None = None
+        self._last: tuple[Point, FloatArray] | None = None
 
-    def update(self, now: float, place: Point, plan: Plan, moving_in_base: FloatArray) -> Rung | None:
+    def update(self, now: float, place: Point, plan: Plan, waits_for_mover: bool = False) -> Rung | None:
         """Take in where the robot is on its path.
 
         Args:
             now: Time [s].
             place: Position of the robot in the map [m].
             plan: The plan.
-            moving_in_base: (m, 3) x, y and radius of moving tracks [m].
+            waits_for_mover: Whether something moves near the robot.
 
         Returns:
             The rung that begins now; None if there is none.
@@ -111,17 +109,17 @@ class Recovery:
             self._trail.append(place)
         if not len(plan.path_in_map):
             return None
-        rest = _rest(plan.path_in_map, place)
-        last_place, last_rest = self._last or (place, rest)
-        moved, shorter = math.dist(last_place, place), last_rest - rest
+        last_place, last_path = self._last or (place, plan.path_in_map)
+        moved = math.dist(last_place, place)
         if self._last is None or moved >= c.step:
-            # What another path is shorter or longer by is no way of the robot's.
+            # Along the path that led it here: the next one may go elsewhere.
+            shorter = _rest(last_path, last_place) - _rest(last_path, place)
             self._advance += max(-moved, min(shorter, moved))
-            self._last = place, rest
+            self._last = place, plan.path_in_map
         if self._advance > self._most + c.progress:
             self._most, self._idle, self.rung = self._advance, 0.0, Rung.DRIVE
             return None
-        if len(moving_in_base) and float(np.hypot(moving_in_base[:, 0], moving_in_base[:, 1]).min()) < c.movers:
+        if waits_for_mover:
             return None
         self._idle += self._period
         if self._idle < c.patience:
@@ -198,7 +196,7 @@ class Recovery:
         self._trail.extend(trail)
         if self._last is not None:
             (place,) = moved([self._last[0]])
-            self._last = place, self._last[1]
+            self._last = place, transform_points(map_correction, self._last[1])
 
 
 def _rest(path: FloatArray, place: Point) -> float:

@@ -10,6 +10,9 @@ from vuca_nav.perception.distance_field import DistanceField
 from vuca_nav.perception.scan_memory import ScanField, ScanHistory
 from vuca_nav.types import FloatArray, Pose2, Scan, Twist2
 
+MOVERS_NEAR = 3.0
+"""Distance of what moves within which it matters to the robot's next moves [m]: it is left to a policy that knows
+tracks, however narrow the way is, and is waited for where there is no progress."""
 _AT_BASE: FloatArray = np.zeros(2)
 
 
@@ -61,6 +64,9 @@ class Percept:
     moving: FloatArray
     """(m, 3) x, y [m] in base_link over ground and radius [m] of the tracks that surely move. They have no place in a
     map, and bar no path: when the robot gets there they are elsewhere."""
+    unexplained: FloatArray
+    """Those of them, (n, 3), that are not explained by what has been in the map for a while: most posts and corners
+    that seem to move are not among them, but neither is a mover that has parked."""
     history: ScanHistory
     """Rings of the last ticks."""
     field: ScanField
@@ -70,6 +76,10 @@ class Percept:
     def stamp(self) -> float:
         """Time of the scan [s]."""
         return self.scan.stamp
+
+    def moves_within(self, away: float) -> bool:
+        """Whether something moves within a distance that the map does not explain [m]."""
+        return bool((np.hypot(self.unexplained[:, 0], self.unexplained[:, 1]) < away).any())
 
     @property
     def distance_field(self) -> DistanceField:

@@ -16,6 +16,7 @@ from vuca_nav.perception.readings import UPRIGHT, CheckedOdometry, CheckedScan, 
 from vuca_nav.perception.ring import BeamGeometry, find_gaps, ring_of, write_ring
 from vuca_nav.perception.scan_memory import ScanField, ScanHistory
 from vuca_nav.perception.seen_space import SeenSpace
+from vuca_nav.perception.standing_map import StandingMap
 from vuca_nav.perception.tracks import (
     MAX_TRACKS,
     RADIUS,
@@ -135,7 +136,7 @@ class Perception:
         self._is_seen, self._was_upright = True, False
         self._age = 0
 
-    def update(self, scan: Scan, odometry: Odometry) -> Percept:
+    def update(self, scan: Scan, odometry: Odometry, standing: StandingMap | None = None) -> Percept:
         """Take in the sensors' present readings.
 
         After a gap in time, or while the readings are not valid, tracks and past scans are forgotten.
@@ -143,6 +144,7 @@ class Perception:
         Args:
             scan: The lidar's latest scan; the same one again, by its stamp, while there is no newer one.
             odometry: The body's odometry now.
+            standing: What was mapped as standing; without it, nothing explains a track.
 
         Raises:
             BadArgument: If the scan has another number of beams than the lidar, or ranges that are no numbers.
@@ -184,7 +186,9 @@ class Perception:
                         tracks[:, [V_X, V_Y]] = multiplied(axes, tracks[:, [V_X, V_Y]])
                     c = self.config
                     num_moving = select_moving(tracks, c.moving_speed, c.certainty, self._moving)
-        moving = self._moving[:num_moving]
+        moving = unexplained = self._moving[:num_moving]
+        if num_moving and standing is not None:
+            unexplained = standing.unexplained(moving, self._level, measured.odom_from_base)
         if num_moving:
             _mark_movers(self._level, moving, self.config.own_returns)
         else:
@@ -206,6 +210,7 @@ class Perception:
             level=self._level,
             tracks=self._tracks[:num_tracks],
             moving=moving[:, [X, Y, RADIUS]] if num_moving else _NOTHING_MOVES,
+            unexplained=unexplained[:, [X, Y, RADIUS]] if num_moving else _NOTHING_MOVES,
             history=self._history,
             field=self._field,
         )

@@ -1,14 +1,9 @@
 """Two local policies, of which one drives in narrow ways and the other elsewhere."""
 
-import numpy as np
-
-from vuca_nav.perception.percept import Percept
+from vuca_nav.perception.percept import MOVERS_NEAR, Percept
 from vuca_nav.policy.base import LocalGoal, LocalPolicy
 from vuca_nav.policy.dynamic_window import DynamicWindow
 from vuca_nav.types import VelocityCommand
-
-MOVERS_NEAR = 3.0
-"""Distance of a moving track within which the network drives, however narrow the way is [m]."""
 
 
 class Handover(LocalPolicy):
@@ -33,13 +28,8 @@ class Handover(LocalPolicy):
 
     def command(self, percept: Percept, goal: LocalGoal | None) -> VelocityCommand:
         """The command of the one that drives here."""
-        if goal is not None and goal.is_narrow and not self._moves_near(percept):
+        if goal is not None and goal.is_narrow and not percept.moves_within(MOVERS_NEAR):
             return self.window.command(percept, goal)
         command = self.policy.command(percept, goal)
         self.window.follow(command)
         return command
-
-    @staticmethod
-    def _moves_near(percept: Percept) -> bool:
-        """Whether something moves nearby."""
-        return bool((np.hypot(percept.moving[:, 0], percept.moving[:, 1]) < MOVERS_NEAR).any())

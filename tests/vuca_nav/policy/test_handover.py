@@ -52,7 +52,7 @@ def test_the_window_that_knows_nothing_of_movers_does_not_drive_beside_one():
     percept = Sensors().see(ranges_to_boxes(boxes, start), STANDING, Twist2(0.0, 0.0, 0.0))
     for away, drives in ((1.5, "network"), (4.0, "window")):
         policy = Handover(Turning(), DynamicWindow(disc_body(), LIDAR))
-        command = policy.command(replace(percept, moving=np.array([[0.0, away, 0.3]])), NARROW)
+        command = policy.command(replace(percept, unexplained=np.array([[0.0, away, 0.3]])), NARROW)
         assert (command == TURN) == (drives == "network")
 
 
