@@ -52,6 +52,9 @@ class SceneArguments(DialArguments):
     unknown: Annotated[Literal["solid", "free", "unknown"] | None, optional("solid|free|unknown")] = None
     """What a map's unknown cells are: walls, as if left out; free floor; or free floor that is unknown to a robot
     with a map."""
+    map: Annotated[str | None, optional("FILE.yaml")] = None
+    """Give the robot this map, by ROS's map_server, as --save-map writes it; it goes on mapping. Its frame is the
+    world's, a cell 0.05 m or a whole multiple or part of that."""
 
 
 @dataclass(frozen=True)
@@ -115,6 +118,9 @@ class RunArguments(MonitorArguments, EpisodeArguments):
     """Show the run in a Rerun viewer as it happens."""
     serve: bool = False
     """Show the run in a browser as it happens."""
+    save_map: Annotated[Path | None, optional("FILE.yaml|DIR")] = None
+    """Write the map that the robot has in the end, as ROS's map_server reads it: FILE.yaml, or DIR/map.yaml, with a PGM
+    and a PNG beside it."""
     json: bool = False
     """End with one JSON object on stdout."""
 

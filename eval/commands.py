@@ -44,9 +44,11 @@ def run(argv: list[str]) -> int:
     from eval.episode import Episode
     from eval.methods import BEST, title_of
     from eval.progress import ProgressLine, result_table
+    from vuca_nav.mapping.map_file import prepare_map, write_map
 
     config = _episode(arguments, BEST)
-    episode = Episode(config)
+    episode = Episode(config, wants_map=arguments.save_map is not None)
+    map_path = None if arguments.save_map is None else prepare_map(arguments.save_map)
     method = title_of(config.method, config.options.given())
     made_by = {"commit": commit(), "machine": machine()}
     telemetry = _open_telemetry(arguments, f"{config.world}, {config.robot}, {method}, seed {config.seed}")
@@ -58,6 +60,9 @@ def run(argv: list[str]) -> int:
         row = result.row()
         show(result_table(row))
         _print_json({**row, "made_by": made_by}, arguments.json)
+        if map_path is not None and episode.map is not None:
+            write_map(episode.map, map_path)
+            print(f"map: {map_path}", file=sys.stderr)
         if telemetry is not None:
             telemetry.wait()
     finally:

@@ -14,7 +14,7 @@ from eval.failure import Failure, Trail, classify_failure, is_out_of_reach
 from eval.methods import BEST, UNCHANGED, MethodOptions, build, resolve
 from eval.metrics import Metrics, MetricsRecorder
 from eval.monitored import Monitored
-from eval.prior_map import rasterise
+from eval.prior_map import rasterise, read_prior_map
 from robots.arithmetic import fingerprint
 from robots.bodies.body import Body
 from robots.noise import NoiseConfig
@@ -22,6 +22,7 @@ from robots.registry import make_body
 from robots.simulation import Simulation
 from vuca_nav.errors import BadArgument
 from vuca_nav.geometry import distance, wrap_angle
+from vuca_nav.mapping.grid import OccupancyGrid
 from vuca_nav.stack import Stack
 from vuca_nav.task import time_limit
 from vuca_nav.telemetry.interface import Telemetry
@@ -77,6 +78,8 @@ class EpisodeConfig:
     """``tracks:FILE``: recorded people in the world besides."""
     unknown: str | None = None
     """What a map's unknown cells are: solid (None as well), free or unknown."""
+    map: str | None = None
+    """YAML file of a map that the stack is given beforehand."""
     trust: bool = False
     """Whether motions of the user's own, in a scene file, may be run. No row says so."""
     options: MethodOptions = UNCHANGED
@@ -101,6 +104,8 @@ class EpisodeConfig:
         for name, number, most in (("tolerance", self.tolerance, 100.0), ("time-limit", self.time_limit, 1e5)):
             if number is not None and not 0.0 < number <= most:
                 raise BadArgument(f"--{name} {number:g}: a number above 0, up to {most:g}, would be right")
+        if self.map is not None and "U" in self.without:
+            raise BadArgument(f"--map {self.map} and --without U, which gives the true map, exclude each other")
         object.__setattr__(self, "without", ordered_difficulties(self.without))
 
     def row(self) -> dict[str, Any]:
@@ -113,7 +118,7 @@ class EpisodeConfig:
 
 CONFIG_FIELDS = tuple(EpisodeConfig().row())
 """The fields of a row that say which episode it is of."""
-ADDED_FIELDS = {"monitor": False}
+ADDED_FIELDS = {"monitor": False, "map": None}
 """Those of them that rows of earlier versions lack, with what they stood for."""
 
 
@@ -173,14 +178,20 @@ class Episode:
 
     Args:
         config: The episode to build.
+        wants_map: Whether the stack's map is wanted in the end.
 
     Raises:
         VucaError: A name is unknown, an argument is out of range, or start or goal cannot be used.
+
+    Attributes:
+        map: The stack's map at the end of the last run, if it is wanted; None before.
     """
 
-    def __init__(self, config: EpisodeConfig):
+    def __init__(self, config: EpisodeConfig, *, wants_map: bool = False):
         began = time.perf_counter()
         self.config = config
+        self._wants_map = wants_map
+        self.map: OccupancyGrid | None = None
         self.method = resolve(config.method, config.options)
         self.body = make_body(config.robot, trust=config.trust)
         self.world = _make_task(config, self.body)
@@ -193,6 +204,11 @@ class Episode:
         )
         self.timeout = self.world.time_limit or time_limit(self.shortest_path, self.body.spec.max_v_x)
         self._moved_after: float | None = None
+        self._prior_map: OccupancyGrid | None = None
+        if config.map is not None:
+            self._prior_map = read_prior_map(config.map)
+        elif "U" in config.without:
+            self._prior_map = rasterise(self.world, self.body.height)
         self._set_up_time = time.perf_counter() - began
 
     def simulation(self, telemetry: Telemetry) -> Simulation:
@@ -222,8 +238,7 @@ class Episode:
         simulation, navigator = self.build(telemetry)
         scan, odometry = simulation.reset()
         navigator.tolerance, self._moved_after = self.world.tolerance, None
-        prior_map = rasterise(self.world, self.body.height) if "U" in self.config.without else None
-        navigator.reset(self.world.start, self.world.goal, prior_map)
+        navigator.reset(self.world.start, self.world.goal, self._prior_map)
         return simulation, navigator, scan, odometry
 
     def run(self, telemetry: Telemetry | None = None, progress: Progress | None = None) -> EpisodeResult:
@@ -238,6 +253,8 @@ class Episode:
         telemetry.goal_tolerance = self.world.tolerance
         goal = self.world.goal
         simulation, navigator, scan, odometry = self.begin(telemetry)
+        if self._wants_map and navigator.grid is None:
+            raise BadArgument(f"--save-map: method {self.config.method} keeps no map; one with SLAM would be right")
         recorder = MetricsRecorder(self.world.start, goal, self.shortest_path, self.world.tolerance)
         trail = Trail()
         set_up_time = self._set_up_time + time.perf_counter() - began
@@ -262,6 +279,7 @@ class Episode:
             if progress is not None:
                 progress(simulation.time, to_goal)
         wall_time = time.perf_counter() - began
+        self.map = navigator.grid if self._wants_map else None
 
         success = outcome == "success"
         touched = f" with {simulation.contact_name}" if simulation.contact_name else ""

@@ -28,6 +28,11 @@ class Monitored(Stack):
         self.layer = SafetyLayer(body, lidar, SafetyConfig(rate=rate, odometry_rate=rate))
         self.actions: Counter[str] = Counter()
 
+    @property
+    def grid(self) -> OccupancyGrid | None:
+        """The map of the stack that drives."""
+        return self.stack.grid
+
     def reset(self, start: Pose2, goal: tuple[float, float], prior_map: OccupancyGrid | None = None) -> None:
         """Begin a mission: the first healthy second has to pass before the body moves."""
         self.stack.reset(start, goal, prior_map)

@@ -38,31 +38,33 @@ def write_whole(path: Path, data: str | bytes) -> None:
         raise
 
 
-def prepare_directory(path: Path) -> None:
+def prepare_directory(path: Path, option: str = "--out") -> None:
     """Make the directory of results, before an hour is spent on them.
 
     Args:
-        path: Directory that ``--out`` names.
+        path: Directory that the option names.
+        option: The option, for the message.
 
     Raises:
         BadArgument: If it is no directory, or no file can be written there.
     """
     if path.exists() and not path.is_dir():
-        raise BadArgument(f"--out {path} is a file, expected a directory")
+        raise BadArgument(f"{option} {path} is a file, expected a directory")
     try:
         path.mkdir(parents=True, exist_ok=True)
         probe = path / f".vuca-{os.getpid()}.probe"
         probe.touch()
         probe.unlink()
     except OSError as error:
-        raise BadArgument(f"--out {path} cannot be written: {error.strerror}") from error
+        raise BadArgument(f"{option} {path} cannot be written: {error.strerror}") from error
 
 
-def prepare_file(path: Path) -> None:
+def prepare_file(path: Path, option: str = "--out") -> None:
     """Make the directory of a file of results, and see that the file can be written, before an hour is spent on it.
 
     Args:
-        path: File that ``--out`` names, or a link to one; an existing one is left as it is.
+        path: File that the option names, or a link to one; an existing one is left as it is.
+        option: The option, for the message.
 
     Raises:
         BadArgument: If it is a directory, a pipe or a device, or cannot be written.
@@ -72,12 +74,12 @@ def prepare_file(path: Path) -> None:
         target.parent.mkdir(parents=True, exist_ok=True)
         existed = target.exists()
         if existed:
-            check_regular("--out", path)
+            check_regular(option, path)
         target.open("ab").close()
         if not existed:
             target.unlink()
     except OSError as error:
-        raise BadArgument(f"--out {path} cannot be written: {error.strerror}") from error
+        raise BadArgument(f"{option} {path} cannot be written: {error.strerror}") from error
 
 
 def check_regular(option: str, path: Path) -> None:

@@ -135,6 +135,11 @@ class Navigator(Stack):
         self._trigger_ticks = config.ticks(config.trigger_rate)
         self.reset(Pose2(0.0, 0.0, 0.0), (0.0, 0.0))
 
+    @property
+    def grid(self) -> OccupancyGrid:
+        """The navigation grid as it is now."""
+        return self.slam.navigation_grid
+
     def reset(self, start: Pose2, goal: tuple[float, float] | None, prior_map: OccupancyGrid | None = None) -> None:
         """Begin a mission.
 

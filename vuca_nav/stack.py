@@ -24,6 +24,11 @@ class Stack(ABC):
         """
         return max(configured + (self.tolerance - GOAL_TOLERANCE), min(configured, 0.5 * self.tolerance))
 
+    @property
+    def grid(self) -> OccupancyGrid | None:
+        """Its map as it is now; None for a stack that keeps none."""
+        return None
+
     @abstractmethod
     def reset(self, start: Pose2, goal: tuple[float, float], prior_map: OccupancyGrid | None = None) -> None:
         """Begin a mission.

@@ -26,10 +26,10 @@ from vuca_nav.errors import BadArgument
 
 EPISODE = (
     "world", "region", "movers", "speed", "sighted", "without", "robot", "start", "goal", "seed",
-    "tolerance", "time_limit", "obstacles", "unknown",
+    "tolerance", "time_limit", "obstacles", "unknown", "map",
 )  # fmt: skip
 """The fields of a row that make two rows the same episode."""
-_ADDED_LATER = {"speed": 1.0, **dict.fromkeys(("sighted", "tolerance", "time_limit", "obstacles", "unknown"))}
+_ADDED_LATER = {"speed": 1.0, **dict.fromkeys(("sighted", "tolerance", "time_limit", "obstacles", "unknown", "map"))}
 """Fields that older evaluations do not have, and what they mean by that."""
 
 

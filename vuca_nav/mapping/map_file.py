@@ -6,11 +6,34 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from vuca_nav.files import write_whole
+from vuca_nav.errors import BadArgument
+from vuca_nav.files import prepare_directory, prepare_file, write_whole
 from vuca_nav.mapping.grid import FREE_BELOW, OCCUPIED_ABOVE, OccupancyGrid
 
 OCCUPIED, UNKNOWN, FREE = 0, 205, 254
 """Grey levels of map_server's images."""
+
+
+def prepare_map(given: Path) -> Path:
+    """Make the folder of a map, and see that the map can be written, before an hour is spent on it.
+
+    Args:
+        given: What ``--save-map`` names: a file that ends in .yaml, or a directory, which gets map.yaml.
+
+    Returns:
+        The YAML file; the images go beside it.
+
+    Raises:
+        BadArgument: If one of the files cannot be written.
+    """
+    if given.suffix not in (".yaml", ".yml"):
+        if given.is_file():
+            raise BadArgument(f"--save-map {given}: a file that ends in .yaml, or a directory, would be right")
+        prepare_directory(given, "--save-map")
+        given = given / "map.yaml"
+    for path in (given, given.with_suffix(".pgm"), given.with_suffix(".png")):
+        prepare_file(path, "--save-map")
+    return given
 
 
 def map_image(grid: OccupancyGrid) -> tuple[NDArray[np.uint8], tuple[float, float]]:

@@ -56,6 +56,11 @@ class MoveBase(Stack):
         self._turning_disc = np.array([[0.0, 0.0, body.radius]])
         self.reset(STANDING, (0.0, 0.0))
 
+    @property
+    def grid(self) -> OccupancyGrid:
+        """The map of its SLAM as it is now."""
+        return self.slam.navigation_grid
+
     def reset(self, start: Pose2, goal: tuple[float, float], prior_map: OccupancyGrid | None = None) -> None:
         """Implements :class:`~vuca_nav.stack.Stack`."""
         self.perception.reset()
