@@ -92,7 +92,7 @@ def _resampled(path: str | Path, found: CellMap, side: float) -> tuple[NDArray[n
     first_x, first_y = math.floor(x / side + _SAME), math.floor(y / side + _SAME)
     left = max(round((x - first_x * side) / found.resolution), 0)
     below = max(round((y - first_y * side) / found.resolution), 0)
-    rows, columns = level.shape
+    rows, columns = found.cells.shape
     padded = np.zeros((-(-(below + rows) // ratio) * ratio, -(-(left + columns) // ratio) * ratio), np.int8)
     padded[below : below + rows, left : left + columns] = level
     blocks = padded.reshape(padded.shape[0] // ratio, ratio, padded.shape[1] // ratio, ratio)
