@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 import tyro
 
 from vuca_nav.cli import optional
+from vuca_nav.telemetry.options import ViewArguments
 
 
 @dataclass(frozen=True)
@@ -109,15 +110,9 @@ class EpisodeArguments(DriverArguments, SceneArguments):
 
 
 @dataclass(frozen=True)
-class RunArguments(MonitorArguments, EpisodeArguments):
+class RunArguments(ViewArguments, MonitorArguments, EpisodeArguments):
     """Run one episode: a robot, a world it has no map of, a goal."""
 
-    record: Annotated[Path | None, optional("FILE.rrd")] = None
-    """Record the run for the Rerun viewer."""
-    spawn: bool = False
-    """Show the run in a Rerun viewer as it happens."""
-    serve: bool = False
-    """Show the run in a browser as it happens."""
     save_map: Annotated[Path | None, optional("FILE.yaml|DIR")] = None
     """Write the map that the robot has in the end, as ROS's map_server reads it: FILE.yaml, or DIR/map.yaml, with a PGM
     and a PNG beside it."""

@@ -33,14 +33,12 @@ from vuca_nav.provenance import commit, machine
 if TYPE_CHECKING:
     from eval.episode import EpisodeConfig
     from eval.methods import MethodOptions
-    from vuca_nav.telemetry.rerun.recorder import RerunTelemetry
 
 
 def run(argv: list[str]) -> int:
     """Run one episode: a robot, a world it has no map of, a goal."""
     arguments = parse(RunArguments, "run", argv)
-    if sum((arguments.record is not None, arguments.spawn, arguments.serve)) > 1:
-        raise BadArgument("--record, --spawn and --serve exclude each other; give one of them")
+    arguments.check_view()
     from eval.episode import Episode
     from eval.methods import BEST, title_of
     from eval.progress import ProgressLine, result_table
@@ -51,7 +49,7 @@ def run(argv: list[str]) -> int:
     map_path = None if arguments.save_map is None else prepare_map(arguments.save_map)
     method = title_of(config.method, config.options.given())
     made_by = {"commit": commit(), "machine": machine()}
-    telemetry = _open_telemetry(arguments, f"{config.world}, {config.robot}, {method}, seed {config.seed}")
+    telemetry = arguments.open_view(f"{config.world}, {config.robot}, {method}, seed {config.seed}")
     try:
         if telemetry is not None:
             telemetry.made_by(made_by)
@@ -239,16 +237,6 @@ def bench(argv: list[str]) -> int:
         show(f"{result['name']:28} {result['value']:10.3f} {result['unit']:6}  {result['meaning']}")
     _print_json({result.pop("name"): result for result in results}, arguments.json)
     return 0
-
-
-def _open_telemetry(arguments: RunArguments, title: str) -> RerunTelemetry | None:
-    if not (arguments.record or arguments.spawn or arguments.serve):
-        return None
-    from vuca_nav.telemetry.rerun.recorder import RerunTelemetry
-
-    if arguments.record is not None:
-        return RerunTelemetry.record(arguments.record, title=title)
-    return RerunTelemetry.spawn(title=title) if arguments.spawn else RerunTelemetry.serve(title=title)
 
 
 def _episode(arguments: EpisodeArguments, default: str) -> EpisodeConfig:

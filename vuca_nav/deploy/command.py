@@ -12,13 +12,14 @@ import tyro
 
 from vuca_nav.cli import optional, parse, show
 from vuca_nav.errors import BadArgument
+from vuca_nav.telemetry.options import ViewArguments
 
 _SWITCH = 0.0005
 """Longest time for which the log's thread holds up the loop [s]; Python's default is 5 ms."""
 
 
-@dataclass(frozen=True)
-class DeployArguments:
+@dataclass(frozen=True, kw_only=True)
+class DeployArguments(ViewArguments):
     """Drive a robot: run the stack of a bundle behind ROS 2 topics, without ROS.
 
     Listens to scan, odom, imu, tf_static, goal_pose, initialpose, emergency_stop and to the action navigate_to_pose;
@@ -51,12 +52,6 @@ class DeployArguments:
     """ROS domain; by default that of ROS_DOMAIN_ID, or 0."""
     interface: Annotated[str | None, optional("NAME")] = None
     """Network interface, eth0 for example; by default this machine alone is reached."""
-    record: Annotated[Path | None, optional("FILE.rrd")] = None
-    """Record the run for the Rerun viewer."""
-    spawn: bool = False
-    """Show the run in a Rerun viewer as it happens."""
-    serve: bool = False
-    """Show the run in a browser as it happens."""
     json: bool = False
     """End with one JSON object on stdout: ticks, their times, messages refused."""
 
@@ -67,8 +62,7 @@ def deploy(argv: list[str]) -> int:
 
     own, ros_words = split_ros_arguments(argv)
     arguments = parse(DeployArguments, "deploy", own)
-    if sum((arguments.record is not None, arguments.spawn, arguments.serve)) > 1:
-        raise BadArgument("--record, --spawn and --serve exclude each other; give one of them")
+    arguments.check_view()
     ros = parse_ros_arguments(ros_words, "vuca_deploy")
 
     from vuca_nav.deploy.bundle import load_bundle
@@ -76,6 +70,7 @@ def deploy(argv: list[str]) -> int:
     from vuca_nav.deploy.node.loop import Node, NodeConfig
     from vuca_nav.deploy.node.warm_up import warm_up
     from vuca_nav.deploy.transport.joining import network_by
+    from vuca_nav.telemetry.interface import Telemetry
 
     network = network_by(arguments.transport, arguments.domain, arguments.interface, ros)
     bundle = load_bundle(arguments.bundle)
@@ -97,7 +92,7 @@ def deploy(argv: list[str]) -> int:
     log = NodeLog() if arguments.log is None else _open_log(arguments.log, bundle)
     telemetry = None
     try:
-        telemetry = _open_telemetry(arguments)
+        telemetry = arguments.open_view(f"vuca deploy {arguments.bundle}") or Telemetry()
         began = time.monotonic()
         print("compiling, and driving the bundle's recorded steps once ...", file=sys.stderr)
         warm_up(bundle)
@@ -174,19 +169,6 @@ def _open_log(path: Path, bundle: Any) -> Any:
 
     sys.setswitchinterval(_SWITCH)
     return MissionLog(path, bundle.manifest)
-
-
-def _open_telemetry(arguments: DeployArguments) -> Any:
-    if not (arguments.record or arguments.spawn or arguments.serve):
-        from vuca_nav.telemetry.interface import Telemetry
-
-        return Telemetry()
-    from vuca_nav.telemetry.rerun.recorder import RerunTelemetry
-
-    title = f"vuca deploy {arguments.bundle}"
-    if arguments.record is not None:
-        return RerunTelemetry.record(arguments.record, title=title)
-    return RerunTelemetry.spawn(title=title) if arguments.spawn else RerunTelemetry.serve(title=title)
 
 
 def _summarise(node: Any, refusals: Any, as_json: bool) -> None:

@@ -12,10 +12,11 @@ import tyro
 from vuca_nav.cli import optional, parse, show
 from vuca_nav.files import prepare_directory
 from vuca_nav.provenance import commit, machine
+from vuca_nav.telemetry.options import ViewArguments
 
 
-@dataclass(frozen=True)
-class SlamArguments:
+@dataclass(frozen=True, kw_only=True)
+class SlamArguments(ViewArguments):
     """Run SLAM over a recorded log: map, trajectory, and the errors of the relations that are known to be true."""
 
     log: tyro.conf.Positional[Path]
@@ -26,7 +27,9 @@ class SlamArguments:
     2009)."""
     out: Annotated[Path | None, optional("DIR")] = None
     """Directory for map.yaml, map.pgm, map.png, trajectory.tum (the final graph) and online.tum (as it was known at
-    each moment). If left out, nothing is written."""
+    each moment). If left out, none of them is written."""
+    save_map: Annotated[Path | None, optional("FILE.yaml|DIR")] = None
+    """Write the map alone, as vuca run does: FILE.yaml, or DIR/map.yaml, with a PGM and a PNG beside it."""
     json: bool = False
     """Print one JSON object as the last line."""
 
@@ -34,26 +37,43 @@ class SlamArguments:
 def slam(argv: list[str]) -> int:
     """Run SLAM over a recorded log: map, trajectory, relation errors."""
     arguments = parse(SlamArguments, "slam", argv)
+    arguments.check_view()
+    from vuca_nav.mapping.map_file import prepare_map
     from vuca_nav.slam_log.mapping_run import run_log
     from vuca_nav.slam_log.reading import read_log
     from vuca_nav.slam_log.relations import read_relations
-    from vuca_nav.slam_log.results import summary, table, write_results
+    from vuca_nav.slam_log.results import summary, table, write_maps, write_trajectories
 
     relations = None if arguments.relations is None else read_relations(arguments.relations)
+    maps = [] if arguments.save_map is None else [prepare_map(arguments.save_map)]
     if arguments.out is not None:
         prepare_directory(arguments.out)
+        maps.append(arguments.out / "map.yaml")
     log = read_log(arguments.log)
-    with ScanProgress(sys.stderr) as progress:
-        result = run_log(log, progress=progress)
-    facts = summary(log, result, relations)
-    show(table(facts))
-    if arguments.out is not None:
-        left_out = write_results(arguments.out, log, result)
+    made_by = {"commit": commit(), "machine": machine()}
+    telemetry = arguments.open_view(f"SLAM over {arguments.log}")
+    try:
+        if telemetry is not None:
+            telemetry.made_by(made_by)
+        with ScanProgress(sys.stderr) as progress:
+            result = run_log(log, progress=progress, telemetry=telemetry)
+        facts = summary(log, result, relations)
+        show(table(facts))
+        left_out = write_maps(maps, result.slam) if maps else 0
         if left_out:
             print(f"vuca slam: {left_out} keyframes lie beyond the greatest size of a map", file=sys.stderr)
-        print(f"map and trajectory: {arguments.out}", file=sys.stderr)
-    if arguments.json:
-        show(json.dumps({**facts, "made_by": {"commit": commit(), "machine": machine()}}))
+        if arguments.out is not None:
+            write_trajectories(arguments.out, log, result)
+            print(f"map and trajectory: {arguments.out}", file=sys.stderr)
+        if arguments.save_map is not None:
+            print(f"map: {maps[0]}", file=sys.stderr)
+        if arguments.json:
+            show(json.dumps({**facts, "made_by": made_by}))
+        if telemetry is not None:
+            telemetry.wait()
+    finally:
+        if telemetry is not None:
+            telemetry.close()
     return 0
 
 

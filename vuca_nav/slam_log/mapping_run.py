@@ -10,6 +10,8 @@ from vuca_nav.mapping.graph_slam import Anchored, GraphSlam, GraphSlamConfig
 from vuca_nav.perception.percept import LevelScan
 from vuca_nav.perception.ring import BeamGeometry
 from vuca_nav.slam_log.robot_log import RobotLog
+from vuca_nav.slam_log.shown import ShownRun
+from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import FloatArray, Pose2
 
 WARM_UP = 60
@@ -26,13 +28,16 @@ class LogResult:
     final: FloatArray
     """(n, 3) ``map_from_base`` as it is known in the end."""
     milliseconds: FloatArray
-    """(n,) time of the processor that SLAM took for each scan [ms]."""
+    """(n,) time of the processor that SLAM's thread took for each scan [ms]."""
     seconds: float
-    """Time of the processor that it took altogether, whatever else the machine does [s]."""
+    """Time of the processor that it took altogether, whatever else the machine and the recording do [s]."""
 
 
 def run_log(
-    log: RobotLog, config: GraphSlamConfig | None = None, progress: Callable[[int, int], None] = lambda *_: None
+    log: RobotLog,
+    config: GraphSlamConfig | None = None,
+    progress: Callable[[int, int], None] = lambda *_: None,
+    telemetry: Telemetry | None = None,
 ) -> LogResult:
     """Run SLAM over a log; the first pose of odometry is the origin of the map.
 
@@ -40,6 +45,7 @@ def run_log(
         log: The log.
         config: Settings of SLAM.
         progress: Told the number of scans done, and of all.
+        telemetry: Shown the run; None for nobody.
     """
     slam = GraphSlam(log.lidar, config or GraphSlamConfig())
     _warm_up(slam, log)
@@ -48,15 +54,20 @@ def run_log(
     n = len(log.stamps)
     level = _level_of(log)
     online, places, milliseconds = np.zeros((n, 3)), [], np.zeros(n)
-    began = time.process_time()
+    shown = None if telemetry is None else ShownRun(telemetry, log, slam)
     for k in range(n):
-        before = time.process_time()
+        before = time.thread_time()
         online[k] = _update(slam, log, k, level)
         places.append(slam.place)
-        milliseconds[k] = 1e3 * (time.process_time() - before)
+        milliseconds[k] = 1e3 * (time.thread_time() - before)
+        if shown is not None:
+            shown.scan(k, Pose2(*online[k].tolist()), float(milliseconds[k]))
         progress(k + 1, n)
+    before = time.thread_time()
     slam.finish()
-    seconds = time.process_time() - began
+    seconds = float(1e-3 * milliseconds.sum()) + time.thread_time() - before
+    if shown is not None:
+        shown.end()
     return LogResult(slam, online, _final(slam, places), milliseconds, seconds)
 
 

@@ -1,45 +1,20 @@
 """What a run of SLAM over a log leaves: a map, a trajectory, a table."""
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from vuca_nav.files import write_whole
-from vuca_nav.geometry import transform_points
 from vuca_nav.mapping.graph_slam import GraphSlam
-from vuca_nav.mapping.grid import GridConfig, OccupancyGrid
 from vuca_nav.mapping.map_file import write_map
+from vuca_nav.slam_log.keyframe_map import KeyframeMap
 from vuca_nav.slam_log.mapping_run import LogResult
 from vuca_nav.slam_log.relations import relation_errors
 from vuca_nav.slam_log.robot_log import RobotLog
-from vuca_nav.types import FloatArray, Pose2
-
-DRAWN = GridConfig(hit=9, miss=2)
-"""A map drawn from keyframes, 0.2 m apart: fewer beams cross a cell than where every scan is drawn."""
-
-
-def draw_map(slam: GraphSlam) -> tuple[OccupancyGrid, int]:
-    """Draw the keyframes where they are in the end.
-
-    Returns:
-        The map, and the number of keyframes that did not fit into the greatest size of a map.
-    """
-    store = slam.store
-    first = store.map_from_base(store.keyframes[0]) if store.keyframes else Pose2(0.0, 0.0, 0.0)
-    grid = OccupancyGrid(DRAWN, (first.x, first.y))
-    left_out = 0
-    for keyframe in store.keyframes:
-        pose = store.map_from_base(keyframe)
-        ends = transform_points(pose, keyframe.ends.astype(np.float64))
-        origin = transform_points(pose, np.array([keyframe.origin]))[0]
-        both = np.vstack([ends, origin[None]])
-        box = np.concatenate([both.min(axis=0), both.max(axis=0)])
-        lidar = Pose2(float(origin[0]), float(origin[1]), pose.yaw)
-        grazed = keyframe.grazed.astype(np.float64)
-        left_out += not grid.insert(lidar, ends, keyframe.num_hits, grazed, box)
-    return grid, left_out
+from vuca_nav.types import FloatArray
 
 
 def write_trajectory(path: Path, stamps: FloatArray, poses: FloatArray) -> None:
@@ -56,17 +31,27 @@ def write_trajectory(path: Path, stamps: FloatArray, poses: FloatArray) -> None:
     write_whole(path, "\n".join(lines) + "\n")
 
 
-def write_results(out: Path, log: RobotLog, result: LogResult) -> int:
-    """Write ``map.yaml``, ``map.pgm``, ``map.png``, ``trajectory.tum`` and ``online.tum`` into a directory.
+def write_maps(paths: Iterable[Path], slam: GraphSlam) -> int:
+    """Draw the map as it is in the end, and write it as ``NAME.yaml``, ``NAME.pgm`` and ``NAME.png``.
+
+    Args:
+        paths: The YAML files.
+        slam: SLAM after the run.
 
     Returns:
         The number of keyframes that are not in the map, for they do not fit into its greatest size.
     """
-    grid, left_out = draw_map(result.slam)
-    write_map(grid, out / "map.yaml")
+    drawn = KeyframeMap()
+    drawn.update(slam.store)
+    for path in paths:
+        write_map(drawn.grid, path)
+    return drawn.left_out
+
+
+def write_trajectories(out: Path, log: RobotLog, result: LogResult) -> None:
+    """Write ``trajectory.tum`` and ``online.tum`` into a directory."""
     write_trajectory(out / "trajectory.tum", log.stamps, result.final)
     write_trajectory(out / "online.tum", log.stamps, result.online)
-    return left_out
 
 
 def summary(log: RobotLog, result: LogResult, relations: FloatArray | None) -> dict[str, Any]:

@@ -136,6 +136,15 @@ class Telemetry:
             rate: Gives V^h (n,) of points (n, 2) in the map [m]; valid until this returns.
         """
 
+    def trajectory(self, points_in_map: FloatArray) -> None:
+        """The robot's whole way as SLAM knows it by now, (n, 2) [m]; the trail of the estimate goes on from it."""
+
+    def closures(self, ends_in_map: FloatArray) -> None:
+        """All loop closures that SLAM goes by: the two submaps that each ties together, (n, 2, 2) [m]."""
+
+    def scan_time(self, milliseconds: float) -> None:
+        """Time that SLAM took for the scan of this tick [ms]."""
+
     def event(self, text: str, level: str = "INFO") -> None:
         """An event of interest to an engineer: a trigger, a recovery, a collision.
 

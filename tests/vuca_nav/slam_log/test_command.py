@@ -1,13 +1,16 @@
 import json
 import math
+from collections import Counter
 
 import numpy as np
 import pytest
 import yaml
 from PIL import Image
+from rerun.chunk import RrdReader
 
 from tests.vuca_nav.rooms import moved, ranges_to_boxes, room
 from tests.vuca_nav.slam_log.carmen_lines import robot_laser
+from vuca_nav.errors import BadArgument
 from vuca_nav.geometry import between, compose
 from vuca_nav.slam_log.command import slam
 from vuca_nav.slam_log.robot_log import BadLog
@@ -87,6 +90,47 @@ def test_the_same_log_gives_the_same_bits(recorded, tmp_path):
     for name in ("a", "b"):
         slam([str(folder / "ring.clf"), "--out", str(tmp_path / name)])
     assert (tmp_path / "a" / "trajectory.tum").read_bytes() == (tmp_path / "b" / "trajectory.tum").read_bytes()
+
+
+def test_a_run_is_recorded_and_the_recording_changes_nothing(recorded, tmp_path, capsys):
+    folder, truths = recorded
+    slam([str(folder / "ring.clf"), "--out", str(tmp_path / "a")])
+    told = ["--record", str(tmp_path / "ring.rrd"), "--save-map", str(tmp_path / "map.yaml"), "--json"]
+    assert slam([str(folder / "ring.clf"), "--out", str(tmp_path / "b"), *told]) == 0
+    facts = json.loads(capsys.readouterr().out.splitlines()[-1])
+    for name in ("trajectory.tum", "online.tum", "map.pgm"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+    assert (tmp_path / "map.pgm").read_bytes() == (tmp_path / "a" / "map.pgm").read_bytes()
+    rows = Counter[str]()
+    lines = []
+    reader = RrdReader(tmp_path / "ring.rrd")
+    for chunk in reader.stream(store=reader.recordings()[0]):
+        if not chunk.is_static:
+            batch = chunk.to_record_batch()
+            rows[chunk.entity_path] += batch.num_rows
+            if chunk.entity_path == "/map/closures":
+                strips = batch.column("LineStrips3D:strips").to_pylist()
+                lines += zip(batch.column("time").cast("int64").to_pylist(), strips)
+    assert rows["/plots/scan_time"] == rows["/map/scan"] == len(truths)
+    for path in ("/map/grid", "/map/estimate", "/map/odometry", "/map/trail/estimate", "/events"):
+        assert rows[path] > 10, path
+    last = max(lines)[1]
+    assert 0 < len(last) <= facts["closures"]
+    assert all(len(strip) == 2 for strip in last)
+
+
+def test_options_that_cannot_be_met_are_refused_before_the_log_is_read(tmp_path):
+    log = str(tmp_path / "none.clf")
+    with pytest.raises(BadArgument, match="exclude each other"):
+        slam([log, "--record", str(tmp_path / "a.rrd"), "--serve"])
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BadArgument, match=r"--save-map .* ends in \.yaml"):
+        slam([log, "--save-map", str(tmp_path / "file")])
+
+
+def test_a_recording_that_cannot_be_written_is_refused(recorded, tmp_path):
+    with pytest.raises(BadArgument, match=r"cannot record to .*: there is no directory"):
+        slam([str(recorded[0] / "ring.clf"), "--record", str(tmp_path / "none" / "a.rrd")])
 
 
 def test_bad_logs_are_refused(tmp_path):

@@ -512,3 +512,19 @@ def test_a_title_may_hold_any_name_of_a_file(tmp_path):
     telemetry = RerunTelemetry.record(tmp_path / "run.rrd", title=os.fsdecode(b"room-\xff.yaml"))
     telemetry.close()
     assert (tmp_path / "run.rrd").stat().st_size > 1000
+
+
+def test_slam_over_a_log_shows_its_way_its_closures_and_its_time(tmp_path):
+    telemetry = RerunTelemetry.record(tmp_path / "log.rrd", title="log")
+    for tick in range(4):
+        telemetry.time(float(tick))
+        telemetry.scan_time(0.5 + tick)
+        telemetry.estimated_pose(Pose2(float(tick), 0.0, 0.0), Pose2(float(tick), 0.1, 0.0))
+    telemetry.trajectory(np.array([[0.0, 1.0], [3.0, 1.0]]))
+    telemetry.closures(np.array([[[0.0, 1.0], [3.0, 1.0]]]))
+    telemetry.close()
+    assert column(tmp_path / "log.rrd", "/plots/scan_time", "Scalars:scalars") == [[0.5], [1.5], [2.5], [3.5]]
+    (strips,) = column(tmp_path / "log.rrd", "/map/closures", "LineStrips3D:strips")
+    assert [point[:2] for point in strips[0]] == [[0.0, 1.0], [3.0, 1.0]]
+    way = column(tmp_path / "log.rrd", "/map/trail/estimate", "LineStrips3D:strips")[-1]
+    assert [point[:2] for point in way[0]] == [[0.0, 1.0], [3.0, 1.0]]

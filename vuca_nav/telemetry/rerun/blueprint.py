@@ -30,6 +30,7 @@ CLOSE: Colour = (255, 40, 40)
 PLANNED: Colour = (255, 120, 215)
 LABEL: Colour = (235, 235, 235)
 GOAL: Colour = (255, 200, 0)
+CLOSURE: Colour = (130, 200, 0)
 BEST_FRONTIER: Colour = (110, 0, 200)
 WORST_FRONTIER: Colour = (215, 185, 240)
 
@@ -81,6 +82,7 @@ SERIES: tuple[tuple[str, str, Colour], ...] = (
     ("/plots/error/slam", "SLAM", BELIEVED),
     ("/plots/error/odometry", "dead reckoning", DEAD_RECKONING),
     ("/plots/entropy", "entropy", (200, 200, 120)),
+    ("/plots/scan_time", "SLAM, a scan", BELIEVED),
 )
 """Entity path, name and colour of each curve."""
 
@@ -103,6 +105,7 @@ LEGEND = f"""
 | **pink** line | planned path, and line to the waypoint |
 | **magenta** arc | the command, held for {ARC_DURATION:.0f} s |
 | **gold** | the goal |
+| **lime** lines | loop closures: submaps that SLAM has tied together |
 | orange to pink bodies | what moves |
 
 **Labels of frontiers**: rank, score, and its parts: D for the way to the goal, V for safety. Least is best.
@@ -121,7 +124,9 @@ _NARROWEST = 0.85
 """Width over height down to which the view from above still shows the whole scene; in a window of 16:10 it has 0.93."""
 
 
-def blueprint(bounds: Bounds | None, *, gate: bool = False, safety: bool = False) -> rrb.Blueprint:
+def blueprint(
+    bounds: Bounds | None, *, gate: bool = False, safety: bool = False, scan_time: bool = False
+) -> rrb.Blueprint:
     """The layout of the panels.
 
     Args:
@@ -129,6 +134,7 @@ def blueprint(bounds: Bounds | None, *, gate: bool = False, safety: bool = False
             then follow the estimate.
         gate: Whether there are shares of experts to plot.
         safety: Whether there are maps of the critic's safety value.
+        scan_time: Whether it is SLAM over a log: its time for each scan is plotted, there is neither command nor truth.
     """
     known = rrb.Spatial3DView(
         name="What the robot knows (its own map, from above)",
@@ -141,7 +147,7 @@ def blueprint(bounds: Bounds | None, *, gate: bool = False, safety: bool = False
     true = rrb.Spatial3DView(
         name="What is true (the scene, riding with the robot)" if bounds else "Riding with the robot",
         origin="/map/estimate" if bounds is None else "/world/robot/base",
-        contents=["+ /world/**", "+ /map/**", "- /map/frontiers/**", "- /map/safety/**"],
+        contents=[*(["+ /world/**"] if bounds else []), "+ /map/**", "- /map/frontiers/**", "- /map/safety/**"],
         background=(30, 32, 38),
         line_grid=rrb.LineGrid3D(visible=False),
         eye_controls=rrb.EyeControls3D(
@@ -170,13 +176,17 @@ def blueprint(bounds: Bounds | None, *, gate: bool = False, safety: bool = False
         start=rrb.TimeRangeBoundary.cursor_relative(seconds=-PLOT_WINDOW),
         end=rrb.TimeRangeBoundary.cursor_relative(seconds=PLOT_WINDOW / 2.0),
     )
-    plots = [
-        _plot("Command", "/plots/command/**", about_now),
-        *([_plot("Shares of the experts", "/plots/gate/**", about_now)] if gate else []),
-        _plot("Nearest return [m]", "/plots/nearest/**", about_now),
-        _plot("Error of the pose [m]", "/plots/error/**", whole_run),
-        _plot("Entropy of the map [nat]", "/plots/entropy", whole_run),
-    ]
+    if scan_time:
+        plots, shares = [_plot("Time of a scan [ms]", "/plots/scan_time", whole_run)], [3.0]
+    else:
+        plots = [
+            _plot("Command", "/plots/command/**", about_now),
+            *([_plot("Shares of the experts", "/plots/gate/**", about_now)] if gate else []),
+            _plot("Nearest return [m]", "/plots/nearest/**", about_now),
+            _plot("Error of the pose [m]", "/plots/error/**", whole_run),
+        ]
+        shares = [3.0, *([2.5] if gate else []), 2.0, 2.0]
+    plots.append(_plot("Entropy of the map [nat]", "/plots/entropy", whole_run))
     events = rrb.TextLogView(
         name="Events",
         origin="/events",
@@ -185,7 +195,7 @@ def blueprint(bounds: Bounds | None, *, gate: bool = False, safety: bool = False
     return rrb.Blueprint(
         rrb.Vertical(
             rrb.Horizontal(left, true, words, column_shares=[4, 4, 2.7]),
-            rrb.Horizontal(*plots, events, column_shares=[3, *([2.5] if gate else []), 2, 2, 2, 3.5]),
+            rrb.Horizontal(*plots, events, column_shares=[*shares, 2.0, 3.5]),
             row_shares=[3, 1],
         ),
         rrb.BlueprintPanel(state="collapsed"),

@@ -170,6 +170,11 @@ class Trail:
         if self._last is not None:
             self._last = compose(map_correction, self._last)
 
+    def become(self, points: FloatArray) -> None:
+        """Take over another way, (n, 2) [m]."""
+        self._kept = [Pose2(x, y, 0.0) for x, y in points.tolist()]
+        self._last = None
+
     def strip(self) -> rr.LineStrips3D:
         """The line from the start to the present pose."""
         poses = self._kept if self._last is None else [*self._kept, self._last]

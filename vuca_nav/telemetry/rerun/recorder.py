@@ -324,6 +324,21 @@ class RerunTelemetry(Telemetry):
             self._safety_told = True
             self._writer.log("/map/safety", image)
 
+    def trajectory(self, points_in_map: FloatArray) -> None:
+        """The robot's whole way as SLAM knows it by now: the trail of the estimate goes on from it."""
+        self._trails["/map/trail/estimate"].become(points_in_map)
+
+    def closures(self, ends_in_map: FloatArray) -> None:
+        """All loop closures that SLAM goes by: the two submaps that each ties together."""
+        ends = np.concatenate([ends_in_map, np.full((*ends_in_map.shape[:2], 1), _WANTED_HEIGHT)], axis=2)
+        lines = rr.LineStrips3D(ends, colors=look.CLOSURE, radii=rr.Radius.ui_points(0.5))
+        self._writer.log("/map/closures", lines)
+
+    def scan_time(self, milliseconds: float) -> None:
+        """Time that SLAM took for the scan of this tick [ms]."""
+        self._status.scan_time = milliseconds
+        self._writer.scalar("/plots/scan_time", milliseconds)
+
     def event(self, text: str, level: str = "INFO") -> None:
         """An event of interest to an engineer: a trigger, a recovery, a collision."""
         colour = look.LEVEL_COLOURS.get(level, look.LEVEL_COLOURS["INFO"])
@@ -346,7 +361,8 @@ class RerunTelemetry(Telemetry):
         """Send the layout once; without bounds there is no true scene, as on a real robot."""
         if not self._blueprint_sent:
             self._blueprint_sent = True
-            layout = look.blueprint(self._bounds, gate=self._gate_told, safety=self._safety_told)
+            is_log = self._status.scan_time is not None
+            layout = look.blueprint(self._bounds, gate=self._gate_told, safety=self._safety_told, scan_time=is_log)
             self._writer.stream.send_blueprint(layout)
 
     def _extend_trail(self, path: str, pose: Pose2) -> None:

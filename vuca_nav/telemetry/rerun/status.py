@@ -37,6 +37,8 @@ class Status:
     """Distance of the true pose to the one of SLAM and to the one of dead reckoning [m]."""
     entropy: float | None = None
     """[nat]"""
+    scan_time: float | None = None
+    """Time that SLAM took for the last scan of a log [ms]."""
     event: str | None = None
     """The last event, with its time."""
 
@@ -58,7 +60,8 @@ def describe(status: Status) -> str:
         facts.append(f"**Entropy of the map** {status.entropy:.0f} nat")
     if status.event is not None:
         facts.append(f"**Last event** {status.event}")
-    paragraphs = [f"### {status.time:.1f} s: {_motion(status.command)}"]
+    took = None if status.scan_time is None else f"SLAM took {status.scan_time:.1f} ms"
+    paragraphs = [f"### {status.time:.1f} s: {took or _motion(status.command)}"]
     if facts:
         paragraphs.append("\n".join(f"- {fact}" for fact in facts))
     if status.decision is not None:
