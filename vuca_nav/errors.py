@@ -48,4 +48,4 @@ class BadBundle(VucaError):
 
 
 class BadLog(VucaError):
-    """A log of a mission that cannot be read, or is not of the bundle that it is replayed with."""
+    """A log that cannot be read, lacks what is needed, or is not of the bundle that it is replayed with."""

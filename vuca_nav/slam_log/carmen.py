@@ -15,8 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from vuca_nav.data_files import read_bytes
+from vuca_nav.errors import BadLog
 from vuca_nav.geometry import between
-from vuca_nav.slam_log.robot_log import BadLog, RobotLog
+from vuca_nav.slam_log.robot_log import RobotLog, check_use
 from vuca_nav.types import MOST_BEAMS, STANDING, FloatArray, LidarSpec, Pose2
 
 MOST_BYTES = 2**31
@@ -152,9 +153,7 @@ def _log_of(path: Path, lines: list[_Line], odometry: list[tuple[float, Pose2]],
         else:
             kept.append(line)
     skipped = +skipped
-    if len(kept) < skipped.total() or not kept:
-        causes = ", ".join(f"{cause}: {number}" for cause, number in skipped.items())
-        raise BadLog(f"{path}: of {len(kept) + skipped.total()} scans most are of no use ({causes})")
+    check_use(path, len(kept), skipped)
     ranges = np.array([line.ranges for line in kept], np.float32)
     lidar = LidarSpec(
         num_beams=beams,

@@ -1,23 +1,36 @@
-"""MCAP recordings of ROS 2 (an .mcap file, or the directory of a rosbag2): LaserScan with Odometry or tf."""
+"""MCAP recordings of ROS 2 (an .mcap file, or the directory of a rosbag2): LaserScan with Odometry or tf.
+
+Logs of ``vuca deploy`` are such recordings: where no tf tells it, they say themselves where the lidar stands.
+"""
 
 import math
+import re
 from collections import Counter
-from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from vuca_nav.data_files import shown
-from vuca_nav.geometry import compose
-from vuca_nav.slam_log.robot_log import BadLog, RobotLog
+from vuca_nav.data_files import parse_json, shown
+from vuca_nav.deploy.log import MISSION_TYPE
+from vuca_nav.deploy.messages import Refused
+from vuca_nav.deploy.replay.log_file import LogFile
+from vuca_nav.deploy.transforms import LidarMount, StaticTransforms
+from vuca_nav.deploy.transport.ros_types import BadMessage, decode
+from vuca_nav.errors import BadArgument, BadLog
+from vuca_nav.plain import from_plain
+from vuca_nav.slam_log.robot_log import RobotLog, check_use
 from vuca_nav.types import STANDING, FloatArray, LidarSpec, Pose2
 
 LONGEST_GAP = 0.5
 """A scan farther than this from every pose of odometry has none [s]."""
 SCAN, ODOMETRY, TF = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage"
-ODOM = "odom"
-"""Name of the frame that tf counts odometry in (REP-105)."""
+ODOM, MAP = "odom", "map"
+"""Names of the frames that tf counts odometry and the map in (REP-105)."""
+BASES = ("base_link", "base_footprint")
+"""Names of the robot's frame, where its odometry does not tell it."""
 
 
 class _Scan(NamedTuple):
@@ -30,83 +43,117 @@ class _Scan(NamedTuple):
     ranges: FloatArray
 
 
-class _Transform(NamedTuple):
-    stamp: float
-    parent: str
+@dataclass(slots=True)
+class _Odometry:
+    """Poses of one child frame, as they came."""
+
     child: str
-    pose: Pose2
+    stamps: list[float] = field(default_factory=list)
+    poses: list[Pose2] = field(default_factory=list)
+    refused: Counter[str] = field(default_factory=Counter)
+
+    def add(self, stamp: float, position: Any, rotation: Any) -> None:
+        """Take in a pose, or count why not."""
+        x, y, z, w = rotation.x, rotation.y, rotation.z, rotation.w
+        yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        pose = Pose2(float(position.x), float(position.y), yaw)
+        if not math.isfinite(sum(pose)):
+            self.refused["no finite pose"] += 1
+        elif self.stamps and stamp < self.stamps[-1]:
+            self.refused["time runs backwards"] += 1
+        else:
+            self.stamps.append(stamp)
+            self.poses.append(pose)
+
+
+@dataclass(slots=True)
+class _Content:
+    """What a recording holds."""
+
+    scans: dict[str, list[_Scan]] = field(default_factory=dict)
+    odometry: dict[str, _Odometry] = field(default_factory=dict)
+    """By topic."""
+    moves: dict[str, _Odometry] = field(default_factory=dict)
+    """tf from odom on, by child frame."""
+    frames: StaticTransforms = field(default_factory=StaticTransforms)
+    lidar: LidarSpec | None = None
+    """The lidar that a log of ``vuca deploy`` tells."""
+    warnings: list[str] = field(default_factory=list)
+
+    def take(self, topic: str, kind: str, message: Any) -> None:
+        """Take in a message."""
+        if kind == SCAN:
+            self.scans.setdefault(topic, []).append(_scan_of(message))
+        elif kind == ODOMETRY:
+            child = message.child_frame_id.lstrip("/")
+            pose = message.pose.pose
+            self.odometry.setdefault(topic, _Odometry(child)).add(
+                _seconds(message.header.stamp), pose.position, pose.orientation
+            )
+        elif kind == TF:
+            self._take_transforms(message.transforms)
+        elif message.is_reset:
+            self.lidar = from_plain(LidarSpec, parse_json(message.lidar, topic, BadLog), topic, BadLog)
+
+    def _take_transforms(self, transforms: list[Any]) -> None:
+        fixed = []
+        for t in transforms:
+            parent, child = t.header.frame_id.lstrip("/"), t.child_frame_id.lstrip("/")
+            if parent == ODOM:
+                moved = self.moves.setdefault(child, _Odometry(child))
+                moved.add(_seconds(t.header.stamp), t.transform.translation, t.transform.rotation)
+            elif parent != MAP:
+                fixed.append(t)
+        if fixed:
+            self.frames.add(SimpleNamespace(transforms=fixed))
 
 
 def read_mcap(path: Path) -> RobotLog:
     """Read a recording: the LaserScan topic with most messages, and Odometry, or else tf from odom on.
 
+    What a recording that was cut off holds is read; the log's warnings say so.
+
     Raises:
         BadLog: If it is no such recording, or has no scan with odometry.
     """
-    scans: dict[str, list[_Scan]] = {}
-    odometry: dict[str, list[_Transform]] = {}
-    transforms: list[_Transform] = []
-    for topic, kind, message in _messages(path):
-        if kind == SCAN:
-            scans.setdefault(topic, []).append(_scan_of(message))
-        elif kind == ODOMETRY:
-            head, child = message.header, message.child_frame_id
-            pose = _planar(message.pose.pose.position, message.pose.pose.orientation)
-            odometry.setdefault(topic, []).append(_Transform(_seconds(head.stamp), head.frame_id, child, pose))
-        else:
-            transforms += [
-                _Transform(
-                    _seconds(t.header.stamp),
-                    t.header.frame_id.lstrip("/"),
-                    t.child_frame_id.lstrip("/"),
-                    _planar(t.transform.translation, t.transform.rotation),
-                )
-                for t in message.transforms
-            ]
-    if not scans:
-        raise BadLog(f"{path} holds no sensor_msgs/msg/LaserScan: a recording of a planar lidar would be right")
-    chosen = max(scans.values(), key=len)
-    if odometry:
-        poses = max(odometry.values(), key=len)
-    else:
-        poses = [t for t in transforms if t.parent == ODOM]
-    if not poses:
-        raise BadLog(f"{path} holds neither nav_msgs/msg/Odometry nor a tf from {ODOM} on: SLAM needs odometry")
-    return _log_of(path, chosen, poses, transforms)
+    content = _read(path)
+    end = "".join(f" ({warning})" for warning in content.warnings)
+    if not content.scans:
+        raise BadLog(f"{path} holds no {SCAN}: a recording of a planar lidar would be right{end}")
+    odometry = max((content.odometry or content.moves).values(), key=lambda o: len(o.stamps), default=None)
+    if odometry is None or not odometry.stamps:
+        raise BadLog(f"{path} holds neither {ODOMETRY} nor a tf from {ODOM} on: SLAM needs odometry{end}")
+    content.warnings += [f"{n} poses of odometry left out: {cause}" for cause, n in odometry.refused.items()]
+    return _log_of(path, content, odometry)
 
 
-def _messages(path: Path) -> Iterator[tuple[str, str, Any]]:
-    """Topic, type and content of the messages that are needed, in the order of time."""
-    from mcap.exceptions import McapError
-    from mcap.reader import make_reader
-    from rosbags.typesys import Stores, get_typestore
-    from rosbags.typesys.base import TypesysError
-
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    files = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
+def _read(path: Path) -> _Content:
+    files = sorted(path.glob("*.mcap"), key=_natural) if path.is_dir() else [path]
     if not files:
         raise BadLog(f"{path} holds no .mcap file: the directory of a rosbag2 in MCAP would be right")
+    content, refused = _Content(), Counter[str]()
     for file in files:
-        try:
-            with file.open("rb") as stream:
-                for schema, channel, message in make_reader(stream).iter_messages():
-                    if schema is None or schema.name not in (SCAN, ODOMETRY, TF):
-                        continue
-                    yield channel.topic, schema.name, store.deserialize_cdr(message.data, schema.name)
-        except (McapError, TypesysError, ValueError, EOFError) as error:
-            raise BadLog(f"{file} is no MCAP recording, or damaged: {shown(error)}") from error
-        except OSError as error:
-            raise BadLog(f"{file} cannot be read: {error.strerror}") from error
+        log = LogFile(file)
+        for message in log.messages():
+            if message.type_name not in (SCAN, ODOMETRY, TF, MISSION_TYPE):
+                continue
+            try:
+                content.take(message.topic, message.type_name, decode(message.data, message.type_name))
+            except (BadMessage, Refused) as error:
+                refused[f"{shown(message.topic)}: {error}"] += 1
+        if log.damage is not None:
+            content.warnings.append(f"{file.name} is read only in part: {log.damage}")
+    content.warnings += [f"{n} messages left out: {cause}" for cause, n in refused.items()]
+    return content
+
+
+def _natural(path: Path) -> list[Any]:
+    """Key by which the second file of a recording comes before the tenth."""
+    return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", path.name)]
 
 
 def _seconds(stamp: Any) -> float:
     return stamp.sec + 1e-9 * stamp.nanosec
-
-
-def _planar(position: Any, rotation: Any) -> Pose2:
-    x, y, z, w = rotation.x, rotation.y, rotation.z, rotation.w
-    yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    return Pose2(float(position.x), float(position.y), yaw)
 
 
 def _scan_of(message: Any) -> _Scan:
@@ -120,48 +167,60 @@ def _scan_of(message: Any) -> _Scan:
     )
 
 
-def _log_of(path: Path, scans: list[_Scan], poses: list[_Transform], transforms: list[_Transform]) -> RobotLog:
-    poses = sorted((pose for pose in poses if math.isfinite(sum(pose.pose))), key=lambda pose: pose.stamp)
-    stamps = np.array([pose.stamp for pose in poses])
-    x, y, yaw = np.array([pose.pose for pose in poses]).T
-    yaw = np.unwrap(yaw)
-    (beams, first, increment), _ = Counter(scan.geometry for scan in scans).most_common(1)[0]
+def _log_of(path: Path, content: _Content, odometry: _Odometry) -> RobotLog:
+    scans = max(content.scans.values(), key=len)
+    stamps, poses = np.array(odometry.stamps), np.array(odometry.poses)
+    geometry, _ = Counter(scan.geometry for scan in scans).most_common(1)[0]
     skipped: Counter[str] = Counter()
     kept: list[_Scan] = []
     for scan in scans:
-        if scan.geometry != (beams, first, increment):
+        after = min(int(np.searchsorted(stamps, scan.stamp)), len(stamps) - 1)
+        gap = min(abs(stamps[after] - scan.stamp), abs(stamps[max(after - 1, 0)] - scan.stamp))
+        if scan.geometry != geometry:
             skipped["another size"] += 1
-        elif np.isnan(scan.ranges).mean() > 0.5:
+        elif not len(scan.ranges) or np.isnan(scan.ranges).mean() > 0.5:
             skipped["more than half of the ranges NaN"] += 1
-        elif abs(stamps - scan.stamp).min() > LONGEST_GAP:
-            skipped["no odometry"] += 1
         elif kept and scan.stamp < kept[-1].stamp:
             skipped["time runs backwards"] += 1
+        elif gap > LONGEST_GAP:
+            skipped["no odometry"] += 1
         else:
             kept.append(scan)
-    if len(kept) < skipped.total() or not kept:
-        causes = ", ".join(f"{cause}: {number}" for cause, number in skipped.items())
-        raise BadLog(f"{path}: of {len(scans)} scans most are of no use ({causes})")
-    low, high = kept[0].limits
-    lidar = LidarSpec(
-        num_beams=beams,
-        min_range=max(low, 0.0),
-        max_range=high,
-        angle_min=first,
-        angle_increment=increment,
-        mount=_mount(kept[0].frame, poses[0].child.lstrip("/"), transforms),
-    )
+    check_use(path, len(kept), skipped)
+    lidar = _lidar_of(path, content, kept[0], odometry.child)
     times = np.array([scan.stamp for scan in kept])
-    odometry = np.column_stack([np.interp(times, stamps, column) for column in (x, y, yaw)])
-    return RobotLog(lidar, times, np.array([scan.ranges for scan in kept], np.float32), odometry, dict(skipped))
+    columns = poses[:, 0], poses[:, 1], np.unwrap(poses[:, 2])
+    moved = np.column_stack([np.interp(times, stamps, column) for column in columns])
+    ranges = np.array([scan.ranges for scan in kept], np.float32)
+    return RobotLog(lidar, times, ranges, moved, dict(skipped), tuple(content.warnings))
 
 
-def _mount(frame: str, base: str, transforms: list[_Transform]) -> Pose2:
-    """Pose of the lidar in the frame whose odometry it is, along tf; that frame itself if tf does not tell."""
-    parents = {t.child: t for t in transforms if t.parent != ODOM}
-    pose, seen = STANDING, set()
-    while frame != base and frame in parents and frame not in seen:
-        seen.add(frame)
-        pose = compose(parents[frame].pose, pose)
-        frame = parents[frame].parent
-    return pose if frame == base else STANDING
+def _lidar_of(path: Path, content: _Content, scan: _Scan, child: str) -> LidarSpec:
+    """The lidar of a scan, where tf says, or else the log of a mission, that it stands."""
+    bases = (child,) if child else BASES
+    try:
+        found = next((mount for base in bases if (mount := content.frames.mount(base, scan.frame))), None)
+    except Refused as error:
+        raise BadLog(f"{path}: {error}; a lidar that scans a level plane would be right") from error
+    (number, first, pitch), (low, high) = scan.geometry, scan.limits
+    if found is None and content.lidar is not None:
+        said = content.lidar
+        found = LidarMount(said.mount, is_inverted=said.pitch * pitch < 0.0)
+    elif found is None and scan.frame not in bases:
+        content.warnings.append(
+            f"nothing tells where the lidar ({shown(scan.frame)}) stands on the robot ({shown(child or BASES[0])}): "
+            "it is taken to stand in its middle"
+        )
+    found = found or LidarMount(STANDING, is_inverted=False)
+    sign = -1.0 if found.is_inverted else 1.0
+    try:
+        return LidarSpec(
+            num_beams=number,
+            min_range=max(low, 0.0),
+            max_range=high,
+            angle_min=sign * first,
+            angle_increment=sign * pitch,
+            mount=found.base_from_lidar,
+        )
+    except BadArgument as error:
+        raise BadLog(f"{path}: its scans are of no lidar: {error}") from error

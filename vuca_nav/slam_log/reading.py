@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
+from vuca_nav.errors import BadLog
 from vuca_nav.slam_log.carmen import read_carmen
-from vuca_nav.slam_log.robot_log import BadLog, RobotLog
+from vuca_nav.slam_log.robot_log import RobotLog
 
 
 def read_log(path: Path) -> RobotLog:

@@ -12,8 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vuca_nav.data_files import read_text, shown
-from vuca_nav.errors import BadArgument
-from vuca_nav.slam_log.robot_log import BadLog
+from vuca_nav.errors import BadArgument, BadLog
 from vuca_nav.types import FloatArray
 
 MOST_RELATIONS = 64 * 2**20

@@ -62,6 +62,7 @@ def summary(log: RobotLog, result: LogResult, relations: FloatArray | None) -> d
     facts: dict[str, Any] = {
         "scans": len(log.stamps),
         "skipped": log.skipped,
+        "warnings": list(log.warnings),
         "duration": duration,
         "path_length": way,
         "times_real_time": duration / result.seconds if result.seconds > 0.0 else None,
@@ -98,4 +99,5 @@ def table(facts: dict[str, Any]) -> str:
                 f"over {e['n']} relations"
             )
     lines += [f"skipped          {number} scans: {cause}" for cause, number in facts["skipped"].items()]
+    lines += [f"warning          {warning}" for warning in facts["warnings"]]
     return "\n".join(lines)

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from tests.vuca_nav.slam_log.carmen_lines import front_laser, robot_laser
+from vuca_nav.errors import BadLog
 from vuca_nav.slam_log.carmen import read_carmen
-from vuca_nav.slam_log.robot_log import BadLog
 from vuca_nav.types import STANDING, Pose2
 
 RANGES = np.linspace(1.0, 4.0, 180)

@@ -10,10 +10,9 @@ from rerun.chunk import RrdReader
 
 from tests.vuca_nav.rooms import moved, ranges_to_boxes, room
 from tests.vuca_nav.slam_log.carmen_lines import robot_laser
-from vuca_nav.errors import BadArgument
+from vuca_nav.errors import BadArgument, BadLog
 from vuca_nav.geometry import between, compose
 from vuca_nav.slam_log.command import slam
-from vuca_nav.slam_log.robot_log import BadLog
 from vuca_nav.types import STANDING, LidarSpec, Pose2
 
 LIDAR = LidarSpec(num_beams=181, max_range=30.0, angle_min=-math.pi / 2, angle_increment=math.pi / 180)

@@ -3,9 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from vuca_nav.errors import BadArgument
+from vuca_nav.errors import BadArgument, BadLog
 from vuca_nav.slam_log.relations import read_relations, relation_errors
-from vuca_nav.slam_log.robot_log import BadLog
 
 STAMPS = np.array([0.0, 1.0, 2.0])
 POSES = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, math.pi / 2], [1.0, 2.0, math.pi / 2]])
