@@ -126,7 +126,7 @@ def _front_laser(words: list[bytes]) -> _Line:
 
 
 def _ranges(words: list[bytes], n: int) -> FloatArray:
-    if not 0 < n <= MOST_BEAMS or len(words) != n:
+    if not 1 < n <= MOST_BEAMS or len(words) != n:
         raise ValueError("incomplete")
     return np.array([float(word) for word in words])
 

@@ -10,7 +10,7 @@ from rerun.chunk import RrdReader
 
 from tests.vuca_nav.rooms import moved, ranges_to_boxes, room
 from tests.vuca_nav.slam_log.carmen_lines import robot_laser
-from vuca_nav.errors import BadArgument, BadLog
+from vuca_nav.errors import BadArgument, BadLog, VucaError
 from vuca_nav.geometry import between, compose
 from vuca_nav.slam_log.command import slam
 from vuca_nav.types import STANDING, LidarSpec, Pose2
@@ -139,3 +139,80 @@ def test_bad_logs_are_refused(tmp_path):
         slam([str(bad)])
     with pytest.raises(BadLog, match="another format"):
         slam([str(tmp_path / "a.bag")])
+
+
+def broken_lines(lines: list[str]) -> list[str]:
+    """A log of which parts are broken: at each tenth scan another way."""
+    rng = np.random.default_rng(2)
+    broken = list(lines)
+    for k in range(10, len(lines), 10):
+        words = lines[k].split()
+        kind = (k // 10) % 6
+        first, last = 9, 9 + 181  # the ranges
+        if kind == 0:  # a third of the ranges are no numbers, or infinite
+            for i in rng.choice(np.arange(first, last), 60, replace=False):
+                words[i] = str(rng.choice(["nan", "inf", "-inf", "-1.0", "0.0"]))
+        elif kind == 1:  # all are
+            words[first:last] = ["nan"] * 181
+        elif kind == 2:
+            words = words[: len(words) // 2]
+        elif kind == 3:  # its time is that of ten scans ago
+            words[-3] = lines[k - 10].split()[-3]
+        elif kind == 4:
+            words[8], words[first:last] = "91", words[first:last:2]
+        else:
+            words[last + 4] = "nan"  # x of the robot
+        broken[k] = " ".join(words) + "\n"
+    return broken
+
+
+def test_a_log_with_broken_scans_gives_the_map_of_the_whole_one_and_counts_them(recorded, tmp_path, capsys):
+    folder, _ = recorded
+    lines = (folder / "ring.clf").read_text().splitlines(keepends=True)[:1040]
+    kinds = Counter((k // 10) % 6 for k in range(10, len(lines), 10))
+    (tmp_path / "broken.clf").write_text("".join(broken_lines(lines)))
+    relations = ["--relations", str(folder / "ring.relations")]
+    assert slam([str(tmp_path / "broken.clf"), *relations, "--json"]) == 0
+    out = capsys.readouterr().out
+    facts = json.loads(out.splitlines()[-1])
+    assert facts["skipped"] == {
+        "more than half of the ranges NaN": kinds[1],
+        "incomplete": kinds[2],
+        "time runs backwards": kinds[3],
+        "another size": kinds[4],
+        "no finite pose or time": kinds[5],
+    }
+    assert facts["scans"] == len(lines) - sum(facts["skipped"].values())
+    assert f"skipped          {kinds[2]} scans: incomplete" in out
+    for name in ("final", "online"):
+        assert facts[name]["m_mean"] < 0.04
+        assert facts[name]["deg_mean"] < 0.5  # where a turn begins at a scan that is missing, poses are interpolated
+
+
+def test_a_log_that_ends_within_a_line_is_read_up_to_there(recorded, tmp_path, capsys):
+    text = (recorded[0] / "ring.clf").read_text()
+    (tmp_path / "cut.clf").write_text(text[: len(text) // 8])
+    assert slam([str(tmp_path / "cut.clf"), "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert facts["skipped"] == {"incomplete": 1}
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.clf", b"\x1f\x8b" + b"\0" * 20),
+        ("a.log", b"#ROSBAG V2.0\n" + bytes(range(256)) * 20),
+        ("a.mcap", b"SQLite format 3\0" * 20),
+        ("a.db3", b"SQLite format 3\0" * 20),
+        ("a.clf.gz", b"PK\3\4" + bytes(200)),
+        ("a.csv", b"time,x,y\n1,2,3\n" * 10),
+        ("a.clf", b"ROBOTLASER1 0 nan nan nan 80 0 0 1 1.0 0 0 0 0 0 0 0 0 0 0 0 0 1.0 h 1.0\n" * 5),
+        ("a.clf", b"FLASER 1 1.0 0 0 0 0 0 0 1.0 h 1.0\n" * 5),
+    ],
+)
+def test_other_formats_are_refused_in_one_line(tmp_path, name, content):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(VucaError) as error:
+        slam([str(tmp_path / name)])
+    assert "\n" not in str(error.value)
+    assert name in str(error.value)
