@@ -45,6 +45,10 @@ NUMBER = Kind("a number", is_number)
 NUMBERS = Kind("a list of numbers", lambda value: isinstance(value, list) and all(map(is_number, value)))
 PAIR = Kind("a list of two numbers", lambda value: NUMBERS.test(value) and len(value) == 2)
 TRIPLE = Kind("a list of three numbers", lambda value: NUMBERS.test(value) and len(value) == 3)
+PLACE = Kind(
+    "a list of two numbers and a third or null",
+    lambda value: TRIPLE.test(value) or (isinstance(value, list) and PAIR.test(value[:2]) and value[2:] == [None]),
+)
 FLAG = Kind("true or false", lambda value: isinstance(value, bool))
 SEEDS = Kind("two integers", lambda value: isinstance(value, list) and len(value) == 2 and all(map(_is_count, value)))
 OBJECT = Kind("an object", lambda value: isinstance(value, dict))
@@ -61,7 +65,7 @@ ROW_KINDS: Mapping[str, Kind] = {
     "tolerance": NUMBER.or_none(),
     "time_limit": NUMBER.or_none(),
     "robot": TEXT,
-    "start": TRIPLE.or_none(),
+    "start": PLACE.or_none(),
     "goal": PAIR.or_none(),
     "seed": COUNT,
     "method": TEXT,
@@ -77,6 +81,7 @@ ROW_KINDS: Mapping[str, Kind] = {
     "bits": TEXT.or_none(),
     "contact": OBJECT.or_none(),
     "failure": OBJECT.or_none(),
+    "why": TEXT.or_none(),
     "monitor_ticks": OBJECT.or_none(),
 }
 """Fields of a row; the numbers of its metrics are checked by ``eval.analysis.summary.is_result``."""

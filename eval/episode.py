@@ -140,6 +140,8 @@ class EpisodeResult:
     """How the contact came about; None without one."""
     failure: Failure | None
     """Why the mission did not arrive without a contact; None if it arrived or touched something."""
+    why: str | None
+    """What the stack itself found out about the goal that it did not reach: that no way leads there; else None."""
     monitor_ticks: dict[str, int] | None
     """Number of ticks by what the safety layer did, or which faults it saw; None without ``--monitor``."""
     judged_tolerance: float
@@ -295,6 +297,7 @@ class Episode:
             collided_with=simulation.contact,
             contact=None if facts is None else classify_contact(facts),
             failure=self._why(outcome, simulation, trail, metrics),
+            why=None if success else navigator.finding,
             monitor_ticks=dict(navigator.actions) if isinstance(navigator, Monitored) else None,
             judged_tolerance=self.world.tolerance,
             judged_time_limit=self.timeout,

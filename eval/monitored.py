@@ -43,7 +43,7 @@ class Monitored(Stack):
     def step(self, scan: Scan, odometry: Odometry) -> VelocityCommand:
         """The stack's command, as far as the layer lets it through."""
         proposed = self.stack.step(scan, odometry)
-        self.map_from_base = self.stack.map_from_base
+        self.map_from_base, self.finding = self.stack.map_from_base, self.stack.finding
         now = odometry.stamp
         allowed = self.layer.step(Tick(now, now, scan, scan.stamp, odometry, now, has_goal=True), proposed)
         state = allowed.state

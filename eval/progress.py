@@ -82,6 +82,7 @@ def result_table(row: dict[str, Any]) -> str:
     outcome = row["outcome"] + (f" with {row['collided_with']}" if row["collided_with"] else "")
     why = row.get("contact") or row.get("failure")
     outcome += f" ({why['class'].replace('_', ' ')})" if why else ""
+    outcome += f"; it says: {row['why']}" if row.get("why") else ""
     figures = (
         f"  {name:20} {'-' if row[name] is None else format(row[name], f'.{digits}f'):>10} {unit}".rstrip()
         for name, unit, digits in _TABLE

@@ -26,6 +26,9 @@ from vuca_nav.stack import Stack
 from vuca_nav.telemetry.interface import Telemetry
 from vuca_nav.types import STANDING, BodySpec, LidarSpec, Odometry, Pose2, Scan, VelocityCommand
 
+NO_WAY = "no way leads there through what has been seen, and nothing more can be explored"
+"""The finding of a stack that has explored everything."""
+
 
 @dataclass(frozen=True, slots=True)
 class NavigatorConfig:
@@ -53,6 +56,8 @@ class NavigatorConfig:
     """Time after which a target is given up if the robot has not moved ``stuck_distance`` [s]."""
     stuck_distance: float = 0.5
     """[m]"""
+    closed_time: float = 5.0
+    """Time without anything to explore or a way to the goal after which that is a finding [s]."""
     narrow: float = 1.1
     """Width of the path, on the map, below which it is narrow [m]: networks are trained among gaps of 1.1 m and more
     (``worlds.scenes.training.GAP``), which cells of the map make up to 0.1 m narrower."""
@@ -180,6 +185,7 @@ class Navigator(Stack):
         self.arrived = False
         self.explorer.reset(self.goal or (0.0, 0.0), max(self.tolerance - self.config.goal_error, 0.0))
         self.plan = no_plan(self.map_from_base)
+        self.finding, self._closed_since = None, math.inf
         self.recovery.reset()
         self._narrow = self.config.narrow
         self._is_goal_new = True
@@ -220,6 +226,7 @@ class Navigator(Stack):
         if cause is not None or self._is_planning_due(estimate.map_from_base):
             survey = self._survey(percept, estimate)
             exploration = self.explorer.update(cause, percept, survey)
+            self._judge_goal(percept.stamp, exploration.target is None)
             self.plan = self.planner.update(exploration.target, exploration.paths, self.plan)
             self.telemetry.grid(estimate.navigation_grid)
             self.telemetry.entropy(estimate.navigation_grid.entropy)
@@ -289,6 +296,23 @@ class Navigator(Stack):
                 self.recovery.barred.pop()
                 self.telemetry.event("there is no other way", "WARN")
         return "no progress"
+
+    def _judge_goal(self, now: float, is_closed: bool) -> None:
+        """Find out that the goal cannot be reached, or that it can after all.
+
+        Args:
+            now: Time [s].
+            is_closed: Whether neither the goal nor anything unknown can be reached.
+        """
+        if not is_closed:
+            if self.finding is not None:
+                self.telemetry.event("there is a way again")
+            self._closed_since, self.finding = math.inf, None
+            return
+        self._closed_since = min(self._closed_since, now)
+        if self.finding is None and now - self._closed_since >= self.config.closed_time:
+            self.finding = NO_WAY
+            self.telemetry.event(f"the goal cannot be reached: {NO_WAY}", "WARN")
 
     def _is_planning_due(self, map_from_base: Pose2) -> bool:
         """Whether a plan is due: at the planning rate, and as soon as the waypoint is reached."""

@@ -12,6 +12,8 @@ class Stack(ABC):
 
     map_from_base: Pose2
     """Its estimate of the robot's pose."""
+    finding: str | None = None
+    """What it has found out about its goal, if that cannot be reached."""
     tolerance: float = GOAL_TOLERANCE
     """Distance from the goal within which the mission counts it as reached [m]; set before ``reset``."""
 

@@ -32,7 +32,7 @@ TASKS = {"factory-2": Task("factory", 2), "building": Task("building")}
 """The tasks by name: a maze with movers, and a building with pedestrians."""
 MONITORED = MethodOptions(monitor=True)
 """In one process the stack has the safety layer under it, too: a deployed one always has."""
-_NOT_COMPARED = {*TIMING_FIELDS, *CONFIG_FIELDS, "bits", "monitor_ticks"}
+_NOT_COMPARED = {*TIMING_FIELDS, *CONFIG_FIELDS, "bits", "monitor_ticks", "why"}
 _STEPS = 1000
 """Steps that a bundle records for vuca check."""
 WIRE, ALONE = "wire", "alone"

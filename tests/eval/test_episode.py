@@ -63,6 +63,8 @@ class SlidingPoint:
 class StraightOn:
     """Believes to be where it started, and drives on."""
 
+    finding = None
+
     speed = 1.0
     was_given = told = None
 

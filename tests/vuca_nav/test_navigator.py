@@ -531,3 +531,30 @@ def test_the_stack_imports_without_simulator_and_torch():
         " vuca_nav.telemetry.interface, vuca_nav.cli"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize(("goal", "finds_out"), [((9.0, 3.0), True), ((5.0, 4.5), False)])
+def test_a_goal_that_cannot_be_reached_is_found_out_and_said(goal, finds_out):
+    """Beyond the walls of a closed room, or in a corner of it."""
+
+    class Saying(Telemetry):
+        def __init__(self):
+            self.said = []
+
+        def event(self, text, level="INFO"):
+            self.said.append(text)
+
+    body, walls, telemetry = disc_body(), room(6.0, 6.0), Saying()
+    navigator = Navigator(body, LIDAR, DynamicWindow(body, LIDAR), telemetry=telemetry)
+    pose = start = Pose2(2.0, 2.0, 0.0)
+    navigator.reset(start, goal)
+    odom, twist = STANDING, REST
+    for k in range(round(25.0 / DT)):
+        command = navigator.step(scan_of(walls, pose, k * DT), Odometry(k * DT, odom, twist))
+        motion = Pose2(command.v_x * DT, 0.0, command.w_z * DT)
+        pose, odom, twist = compose(pose, motion), compose(odom, motion), Twist2(*command)
+    said = [text for text in telemetry.said if text.startswith("the goal cannot be reached: ")]
+    assert (navigator.finding is not None) is finds_out
+    assert len(said) == finds_out
+    navigator.head_for((3.0, 3.0))
+    assert navigator.finding is None
