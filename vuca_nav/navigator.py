@@ -63,7 +63,7 @@ class NavigatorConfig:
     (``worlds.scenes.training.GAP``), which cells of the map make up to 0.1 m narrower."""
     widest_narrow: float = 1.4
     """Greatest width that counts as narrow once the robot has hovered before it [m]."""
-    window_room: float = 0.18
+    window_room: float = 0.0
     """Width beyond the body's that the dynamic window needs [m]: its margin, and the error of its distance field, on
     both sides. In ways narrower still the network drives."""
     narrow_step: float = 0.1

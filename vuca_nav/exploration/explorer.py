@@ -18,9 +18,17 @@ from vuca_nav.planning.target import Target
 from vuca_nav.telemetry.interface import FrontierView, Telemetry
 from vuca_nav.types import FloatArray, Pose2
 
-_RESORTS = ((False, False), (True, False), (False, True), (True, True))
+_RESORTS = (
+    (False, False, False),
+    (True, False, False),
+    (False, False, True),
+    (False, True, False),
+    (True, True, False),
+    (True, True, True),
+)
 """Settings that are tried in turn until there is a target: whether to doubt obstacles that have not been seen lately,
-since a mover may have left unseen; whether to forgive blacklisted targets."""
+since a mover may have left unseen; whether to forgive blacklisted targets; whether to squeeze through what the map says
+is too narrow by a cell."""
 _STILL_THERE = 0.2
 """A frontier is still there if a boundary cell is so near to where it was [m]."""
 
@@ -152,12 +160,18 @@ class Explorer:
             survey: Survey of the map as it is now.
         """
         paths, last = survey.paths(), self.target
+        squeezing = False
         if last is not None and not paths.reaches(*last.approach):
-            cause = "no path leads to the target"
+            # A noisy return must not make the robot turn back in a door.
+            squeezed = survey.paths(squeezing=True)
+            if squeezed.reaches(*last.approach):
+                paths, squeezing = squeezed, True
+            else:
+                cause = "no path leads to the target"
         if cause is None and last is not None:
             return Exploration(last, paths)
-        for doubting, forgiving in _RESORTS:
-            paths = survey.paths(doubting=doubting)
+        for doubting, forgiving, squeezes in _RESORTS:
+            paths = survey.paths(doubting=doubting, squeezing=squeezing or squeezes)
             self.target = last  # it is known to be preferred
             if self._choose(percept, survey, paths, forgiving=forgiving) is not None:
                 break

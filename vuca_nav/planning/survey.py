@@ -1,11 +1,15 @@
 """Survey of the map for one body at one moment: its costmap and the cheapest paths from its place."""
 
+from dataclasses import replace
 from functools import cache
 
 from vuca_nav.mapping.grid import OccupancyGrid
 from vuca_nav.planning.costmap import NOTHING_MOVES, Costmap, CostmapConfig
 from vuca_nav.planning.paths import PathField
 from vuca_nav.types import FloatArray, Pose2
+
+SQUEEZE = 0.05
+"""Width of a cell of the map [m]: with one noisy return too many at either side, a way looks narrower by that."""
 
 
 class Survey:
@@ -35,17 +39,19 @@ class Survey:
         position = map_from_base.x, map_from_base.y
 
         @cache
-        def paths(doubting: bool) -> PathField:
-            costmap = Costmap(grid, discs, position, config, moving_in_map, doubting)
+        def paths(doubting: bool, squeezing: bool) -> PathField:
+            margins = replace(config, margin=config.margin - SQUEEZE) if squeezing else config
+            costmap = Costmap(grid, discs, position, margins, moving_in_map, doubting)
             costmap.bar(barred)
             return PathField(costmap, position)
 
         self._paths, self._doubting = paths, doubting
 
-    def paths(self, *, doubting: bool = False) -> PathField:
+    def paths(self, *, doubting: bool = False, squeezing: bool = False) -> PathField:
         """All cheapest paths from the robot.
 
         Args:
             doubting: Whether they may lead through small obstacles that have not been seen lately.
+            squeezing: Whether they may lead through places that are too narrow on the map by its own error.
         """
-        return self._paths(doubting or self._doubting)
+        return self._paths(doubting or self._doubting, squeezing)

@@ -7,6 +7,11 @@ from typing import NamedTuple
 from vuca_nav.perception.percept import Percept
 from vuca_nav.types import VelocityCommand
 
+FIELD_ERROR = 0.035
+"""Room of a way that the distance field's error may take [m]: what is left of a very narrow one is margin."""
+LEAST_MARGIN, LEAST_MARGIN_ROUND = 0.025, 0.01
+"""Least margins [m]."""
+
 
 class LocalGoal(NamedTuple):
     """The waypoint that a local policy heads for at a tick."""
@@ -19,6 +24,15 @@ class LocalGoal(NamedTuple):
     """Whether the way to it is narrow about the robot: narrower than any that networks are trained on."""
     room: float = math.inf
     """Least room that the way to it leaves at either side of the body about the robot [m]."""
+
+    def margin(self, usual: float, is_round: bool) -> float:
+        """Inflation of the footprint for static obstacles on a way that leaves little room [m].
+
+        Args:
+            usual: Inflation where there is room [m].
+            is_round: Whether the body is, and so touches nothing by turning.
+        """
+        return min(usual, max(self.room - FIELD_ERROR, LEAST_MARGIN_ROUND if is_round else LEAST_MARGIN))
 
 
 class LocalPolicy(ABC):

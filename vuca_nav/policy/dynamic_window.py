@@ -226,7 +226,7 @@ class DynamicWindow(LocalPolicy):
         v_x, w_z, admissible = _best(
             field,
             self._discs,
-            self._window_settings,
+            self._window_settings._replace(margin=goal.margin(c.margin, self._is_round)),
             (start.x, start.y, math.cos(start.yaw), math.sin(start.yaw)),
             (goal.point_in_base[0], goal.point_in_base[1], goal.room, goal.is_final),
             (

@@ -128,7 +128,14 @@ class CommandFilter:
         ways = ways_out(c.num_ways_out)
         self._ways_out = WaysOut(ways, np.zeros((len(ways), self._futures.positions.shape[2], 4)))
 
-    def choose(self, wanted: VelocityCommand, last: VelocityCommand, start: Pose2, percept: Percept) -> VelocityCommand:
+    def choose(
+        self,
+        wanted: VelocityCommand,
+        last: VelocityCommand,
+        start: Pose2,
+        percept: Percept,
+        goal: LocalGoal | None = None,
+    ) -> VelocityCommand:
         """The wanted command, or the one that costs least.
 
         Args:
@@ -136,6 +143,7 @@ class CommandFilter:
             last: Velocity of the body when the command is answered.
             start: Pose of the body then, in base_link.
             percept: The percept of this tick.
+            goal: The waypoint: a round body may come nearer to what stands where the way leaves little room.
 
         Raises:
             BadArgument: If the percept is of another lidar.
@@ -145,6 +153,8 @@ class CommandFilter:
             raise BadArgument(
                 f"the percept's ring has {len(ranges)} beams, the shield's {len(beams)}: give both the same LidarSpec"
             )
+        if goal is not None and len(settings.discs) == 1:
+            settings = settings._replace(margin=goal.margin(c.margin, is_round=True))
         state = BodyState(*start, math.cos(start.yaw), math.sin(start.yaw), *last)
         moving = self._moving[: select_moving(percept.tracks, c.moving, c.certainty, self._moving)]
         near, futures, whole, static_ranges = _NONE, self._futures.positions, percept.field, ranges
@@ -217,6 +227,6 @@ class Shield(LocalPolicy):
         if goal is None or not percept.is_valid:
             command = STOP
         else:
-            command = self._filter.choose(command, self._delay.last, self._delay.pose(), percept)
+            command = self._filter.choose(command, self._delay.last, self._delay.pose(), percept, goal)
         self._delay.add(command)
         return command

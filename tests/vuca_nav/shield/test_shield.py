@@ -176,9 +176,9 @@ class Listening(CommandFilter):
         super().__init__(body, LIDAR)
         self.last: list[VelocityCommand] = []
 
-    def choose(self, wanted, last, start, percept):
+    def choose(self, wanted, last, start, percept, goal=None):
         self.last.append(last)
-        return super().choose(wanted, last, start, percept)
+        return super().choose(wanted, last, start, percept, goal)
 
 
 @pytest.mark.parametrize(
