@@ -6,6 +6,7 @@ from typing import Any, Literal
 import numpy as np
 
 from robots.bodies.body import Body
+from vuca_nav.errors import BadWorld
 from vuca_nav.task import GOAL_TOLERANCE
 from vuca_nav.types import Pose2
 from worlds.reachability import reachable
@@ -101,7 +102,10 @@ def is_out_of_reach(world: World, body: Body, time_limit: float) -> bool:
     speed = LONGEST_DETOUR * body.spec.max_v_x
     # The disc goes all the way to the goal, a mission of a wider tolerance not.
     time_limit += (world.tolerance - GOAL_TOLERANCE) / speed
-    return not reachable(world, radius, speed, time_limit, RESOLUTION).reached
+    try:
+        return not reachable(world, radius, speed, time_limit, RESOLUTION).reached
+    except BadWorld:  # no cell of that grid is free about the start, as in a spot as tight as the body
+        return False
 
 
 def classify_failure(

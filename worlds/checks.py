@@ -172,8 +172,8 @@ def check_task(
 def fitting_heading(world: World, footprint: FloatArray, height: float = TALLEST) -> float:
     """The heading at the start, of those in which the body fits there, that is nearest to the goal's direction [rad].
 
-    It fits with ``ROOM`` / 2 around it if it can, and if it cannot, as it stands. Where it fits in none, it is the
-    goal's direction itself: ``check_task`` then says what it meets.
+    One with 2 ``ROOM`` around the body goes before one with less: a quadruped sways as it stands up. Where it fits in
+    none, it is the goal's direction itself: ``check_task`` then says what it meets.
 
     Args:
         world: Any world.
@@ -184,7 +184,7 @@ def fitting_heading(world: World, footprint: FloatArray, height: float = TALLEST
     shapes = pack_shapes([obstacle.shape for obstacle in world.obstacles if obstacle.shape.base < height])
     x0, y0, x1, y1 = (-math.inf, -math.inf, math.inf, math.inf) if world.open_borders else world.bounds
     towards = math.atan2(world.goal[1] - y, world.goal[0] - x)
-    for room in (0.5 * ROOM, 0.0):
+    for room in (2.0 * ROOM, ROOM, 0.5 * ROOM, 0.0):
         for k in range(HEADINGS):
             yaw = towards + (k + 1) // 2 * (-1) ** k * 2.0 * math.pi / HEADINGS
             for along, aside, radius in discs.tolist():

@@ -1,5 +1,7 @@
 """Classes of missions that neither arrived nor ended in a contact."""
 
+from dataclasses import replace
+
 import pytest
 
 from eval.failure import Trail, classify_failure, is_out_of_reach
@@ -69,3 +71,9 @@ def test_a_goal_behind_what_never_leaves_the_corridor_is_out_of_reach():
     assert not is_out_of_reach(corridor(plug(0.0, sighted=True)), tiago, 60.0)  # it might make way
     assert is_out_of_reach(corridor(), tiago, 10.0)  # 16 m at 1 m/s
     assert not is_out_of_reach(hall(), tiago, 100.0)
+
+
+def test_a_start_as_tight_as_the_body_counts_as_within_reach():
+    """The cells of the grid about it are barred, which says nothing about the goal."""
+    tiago = make_body("tiago")
+    assert not is_out_of_reach(replace(hall(), start=Pose2(30.0, 0.16, 0.0)), tiago, 100.0)
