@@ -19,8 +19,8 @@ from eval.runner import worker_pool
 from robots.simulation import Simulation
 from vuca_nav.exploration.critic import LearnedCritic
 from vuca_nav.exploration.explorer import Explorer
+from vuca_nav.mapping.alignment import Aligner
 from vuca_nav.mapping.grid import OccupancyGrid
-from vuca_nav.mapping.scan_matching import ScanMatcher
 from vuca_nav.mapping.slam import Slam
 from vuca_nav.navigator import Navigator
 from vuca_nav.perception.perception import Perception
@@ -51,7 +51,7 @@ STAGES: list[dict[str, Any]] = [
     {"name": "lidar", "owner": RayCaster, "call": "cast"},
     {"name": "simulation, other", "owner": Simulation, "call": "step"},
     {"name": "perception", "owner": Perception, "call": "update"},
-    {"name": "scan matching", "owner": ScanMatcher, "call": "match"},
+    {"name": "scan matching", "owner": Aligner, "call": "align"},
     {"name": "grid update", "owner": OccupancyGrid, "call": "insert"},
     {"name": "slam, other", "owner": Slam, "call": "update"},
     {"name": "costmap", "owner": Costmap, "call": "__init__"},

@@ -8,7 +8,7 @@ import numpy as np
 
 from vuca_nav.geometry import between, compose, wrap_angle
 from vuca_nav.mapping.alignment import Aligner, Alignment, AlignmentConfig, squared_deviations
-from vuca_nav.mapping.grid import GridConfig
+from vuca_nav.mapping.grid import GridConfig, OccupancyGrid
 from vuca_nav.mapping.odometry_model import OdometryModel, OdometryModelConfig
 from vuca_nav.mapping.returns import Returns
 from vuca_nav.mapping.submaps import Keyframe, Submap, SubmapStore, insert_scan, keyframe_of
@@ -62,8 +62,13 @@ class FrontEnd:
         self._aligner = Aligner(config.alignment, most_points)
         self.reset(Pose2(0.0, 0.0, 0.0))
 
-    def reset(self, start: Pose2) -> None:
-        """Forget everything; begin at a pose of the local frame."""
+    def reset(self, start: Pose2, prior_map: OccupancyGrid | None = None) -> None:
+        """Forget everything; begin at a pose of the local frame.
+
+        Args:
+            start: Pose of the base in the local frame.
+            prior_map: A map known beforehand, in the local frame: the only submap, which is never finished.
+        """
         self.model.reset()
         self.store = SubmapStore()
         self.local_from_base = start
@@ -77,6 +82,12 @@ class FrontEnd:
         self._is_sure, self._knows_position = True, True
         self._drift = np.zeros((3, 3))
         self._information = np.zeros((3, 3))
+        self._is_given = prior_map is not None
+        if prior_map is not None:
+            grid = SurfaceGrid(self.config.grid, start[:2])
+            grid.fill(prior_map.level, prior_map.origin)
+            self.store.submaps.append(Submap(grid, start, np.zeros((3, 3)), 0))
+            self.active = 0
 
     def track(self, returns: Returns, motion: Pose2) -> Tracked:
         """Take in a scan.
@@ -140,9 +151,11 @@ class FrontEnd:
         if self._is_sure:
             self.model.learn(self._way, self._turn, between(by_match, self._odometry), self._knows_position)
 
-    def _keep(self, returns: Returns) -> Keyframe:
+    def _keep(self, returns: Returns) -> Keyframe | None:
         """Make the scan a keyframe, in the submap that is matched and in the one that begins."""
         c, store, here = self.config, self.store, self.local_from_base
+        if self._is_given:
+            return self._keep_in_given(returns)
         self._drift = self._drifted()
         keyframe = keyframe_of(returns, here, max(self.active, 0))
         store.keyframes.append(keyframe)
@@ -153,11 +166,22 @@ class FrontEnd:
             if submap.grid is not None and insert_scan(submap.grid, here, keyframe):
                 submap.num_keyframes += 1
         self.active = max(len(store.submaps) - 2, 0)
-        self._at_keyframe = here
+        self._leave_keyframe()
+        return keyframe
+
+    def _keep_in_given(self, returns: Returns) -> None:
+        """Draw the scan into the map known beforehand."""
+        grid = self.store.submaps[0].grid
+        assert grid is not None
+        insert_scan(grid, self.local_from_base, returns)
+        self._leave_keyframe()
+
+    def _leave_keyframe(self) -> None:
+        """Count way and odometry from here on."""
+        self._at_keyframe = self.local_from_base
         self._way = self._turn = 0.0
         self._odometry = Pose2(0.0, 0.0, 0.0)
         self._is_sure = self._knows_position = True
-        return keyframe
 
     def _begin_submap(self, first_keyframe: int) -> None:
         """Begin a submap here; the one before the last is finished, and its grid is taken for the new one."""
@@ -172,8 +196,7 @@ class FrontEnd:
             finished.packed = grid.pack()
             grid.clear(here[:2])
         submap = Submap(grid, here, self._drift, first_keyframe)
-        if store.submaps:
-            submap.map_from_local = store.submaps[self.active].map_from_local
+        submap.map_from_local = store.submaps[self.active].map_from_local if store.submaps else store.map_from_local
         store.submaps.append(submap)
         self._drift = np.zeros((3, 3))
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from vuca_nav.geometry import between, compose
 from vuca_nav.mapping.front_end import FrontEnd, FrontEndConfig, Tracked
 from vuca_nav.mapping.graph.back_end import BackEnd, BackEndConfig
+from vuca_nav.mapping.grid import OccupancyGrid
 from vuca_nav.mapping.returns import ReturnReader
 from vuca_nav.mapping.submaps import SubmapStore
 from vuca_nav.perception.percept import LevelScan
@@ -55,9 +56,14 @@ class GraphSlam:
         self.front_end = FrontEnd(lidar.num_beams, config.front_end)
         self.reset(STANDING)
 
-    def reset(self, start: Pose2) -> None:
-        """Forget everything and start at a pose of the map."""
-        self.front_end.reset(start)
+    def reset(self, start: Pose2, prior_map: OccupancyGrid | None = None) -> None:
+        """Forget everything and start at a pose of the map.
+
+        Args:
+            start: ``map_from_base`` now.
+            prior_map: A map known beforehand: it is the one submap, and grows.
+        """
+        self.front_end.reset(start, prior_map)
         self.store = self.front_end.store
         self.back_end = BackEnd(self.store, self.config.front_end.alignment, self.config.back_end)
         self.tracked: Tracked | None = None
@@ -69,7 +75,8 @@ class GraphSlam:
     @property
     def map_from_local(self) -> Pose2:
         """Transform into the map from the frame in which the robot's way goes on without jumps."""
-        return self.store.submaps[self.place.submap].map_from_local if self.store.submaps else STANDING
+        store = self.store
+        return store.submaps[self.place.submap].map_from_local if store.submaps else store.map_from_local
 
     def update(self, level: LevelScan, odom_from_base: Pose2) -> Pose2:
         """Localise a scan, and do the next slice of the back end's work.
@@ -101,6 +108,12 @@ class GraphSlam:
                 return
             except StopIteration:
                 self._work = None
+
+    def correct(self, map_correction: Pose2) -> None:
+        """Move the whole map."""
+        for submap in self.store.submaps:
+            submap.map_from_local = compose(map_correction, submap.map_from_local)
+        self.store.map_from_local = compose(map_correction, self.store.map_from_local)
 
     def finish(self) -> None:
         """Do all of the back end's work that is left, and optimise once more."""

@@ -1,28 +1,31 @@
-"""Laser SLAM, the local part: predict by odometry, match, insert (Zhang et al., Section III-C, SLAM-based mapping).
+"""SLAM as the navigator uses it (Zhang et al., Section III-C, SLAM-based mapping): localise, and draw the map.
 
-SLAM corrects one transform, ``map_from_odom``. The map is kept twice. The *matching* grid changes slowly and
-only as the robot moves, so that walls stay sharp; the *navigation* grid takes every scan and within a fraction of a
-second forgets obstacles that have moved away.
+SLAM corrects one transform, ``map_from_odom``. Where the robot is, ``GraphSlam`` says, by submaps that change slowly
+and only as the robot moves. What it navigates by is the *navigation* grid: that takes every scan, and within a fraction
+of a second forgets obstacles that have moved away. When a loop closure has moved the submaps, the navigation grid is
+drawn anew beside the present one, some scans a tick, and swapped together with the pose.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from vuca_nav.errors import BadArgument
-from vuca_nav.geometry import compose, inverse, wrap_angle
+from vuca_nav.geometry import compose, distance, inverse, transform_points, wrap_angle
 from vuca_nav.kernel_cache import njit
+from vuca_nav.mapping.graph_slam import Anchored, GraphSlam, GraphSlamConfig
 from vuca_nav.mapping.grid import GridConfig, OccupancyGrid
-from vuca_nav.mapping.scan_matching import ScanMatcher, ScanMatcherConfig
-from vuca_nav.mapping.surfaces import SurfaceGrid
 from vuca_nav.perception.percept import Percept
 from vuca_nav.perception.readings import FARTHEST
 from vuca_nav.types import STANDING, FloatArray, LidarSpec, Pose2
 
 _SIDE = 3
 """Beams to either side whose returns give a surface's direction at a return."""
+TURN_LEVER = 3.0
+"""Distance from a submap's node at which a turn of it counts as a shift [m]."""
 _LEAST_SINE = 0.04
 """Least sine of the angle between beam and surface: at 2.3 degrees a beam grazes at most 2.5 m of a wall."""
 
@@ -34,16 +37,11 @@ class SlamConfig:
     localisation: Literal["slam", "odometry"] = "slam"
     """"odometry" trusts the body's own pose: dead reckoning, or the true pose where odometry is exact."""
     navigation_grid: GridConfig = field(default_factory=GridConfig)
-    matching_grid: GridConfig = field(default_factory=lambda: GridConfig(unit=0.1, hit=6, miss=1, limit=25))
-    matcher: ScanMatcherConfig = field(default_factory=ScanMatcherConfig)
-    insert_distance: float = 0.05
-    """The matching grid takes a scan after this much motion [m] ..."""
-    insert_angle: float = math.radians(1.5)
-    """... or this much turning [rad] ..."""
-    insert_period: float = 1.0
-    """... or this much time [s]."""
-    first_scans: int = 10
-    """Number of first scans that go into the matching grid unconditionally, as a map to match against."""
+    graph: GraphSlamConfig = field(default_factory=GraphSlamConfig)
+    redraw_shift: float = 0.025
+    """The navigation grid is drawn anew once loop closures have moved a submap by more than this: half a cell [m]."""
+    redraw_scans: int = 8
+    """Scans of the past that are drawn anew in a tick."""
     neighbours: int = 2
     """A beam without a return frees only as far as the shortest of so many neighbours on each side, since a dropped
     beam looks the same and would open the wall it stood on."""
@@ -62,7 +60,8 @@ class SlamEstimate:
     """Transform of the map about the robot since the last scan, from the old place of a point to the new one.
     Everything remembered in the map has to follow. ``STANDING`` but after ``Slam.correct``."""
     score: float
-    """Score of the match, 0 to 1; 1 where none was made."""
+    """Quality of the match, 0 to 1: share of the returns that lie on known surfaces, of those that do not lie on new
+    ground; 1 where none was made."""
     points_in_map: FloatArray
     """(n, 2) the scan's returns [m]; valid until the next scan."""
     navigation_grid: OccupancyGrid
@@ -82,6 +81,19 @@ class _BeamRule(NamedTuple):
     """Whether the last beam is the first one's neighbour."""
 
 
+class _Drawing(NamedTuple):
+    """A scan of the past, to be drawn anew."""
+
+    place: Anchored
+    ends: np.ndarray
+    """(n, 2) float32 ends of its beams in base_link [m]."""
+    num_hits: int
+    grazed: np.ndarray
+    """(n,) float32 [m]"""
+    origin: tuple[float, float]
+    """Place of the lidar in base_link [m]."""
+
+
 class Slam:
     """``update(percept) -> SlamEstimate`` at the lidar's rate."""
 
@@ -96,7 +108,7 @@ class Slam:
         self._grazed = np.zeros(lidar.num_beams)
         self._box = np.zeros(4)
         self._is_mounted = lidar.mount[:2] != (0.0, 0.0)
-        self._matcher = ScanMatcher(config.matcher, lidar.num_beams)
+        self._graph = GraphSlam(lidar, config.graph)
         self.reset(Pose2(0.0, 0.0, 0.0))
 
     def reset(self, start: Pose2, prior_map: OccupancyGrid | None = None) -> None:
@@ -104,7 +116,7 @@ class Slam:
 
         Args:
             start: ``map_from_base`` now.
-            prior_map: A map known beforehand, if there is one.
+            prior_map: A map known beforehand, if there is one: the robot is localised in it and goes on mapping.
 
         Raises:
             BadArgument: If the pose is not finite or too far out, or the map is larger than a map can be.
@@ -113,31 +125,39 @@ class Slam:
         if not all(abs(value) < FARTHEST for value in start):
             raise BadArgument(f"the start {tuple(start)} must be finite, within {FARTHEST:g} m of the map's origin")
         self.navigation_grid = OccupancyGrid(self.config.navigation_grid, (start.x, start.y))
-        self.matching_grid = SurfaceGrid(self.config.matching_grid, (start.x, start.y))
         if prior_map is not None:
             self.navigation_grid.fill(prior_map.level, prior_map.origin)
-            self.matching_grid.fill(prior_map.level, prior_map.origin)
+        self._graph.reset(start, prior_map)
         self.map_from_odom: Pose2 | None = None
         """The correction; None before the first scan, which is taken at ``start``."""
         self._map_from_base = start
         self._correction = STANDING
-        self._num_scans = 0
-        self._inserted_at = start
-        self._inserted_stamp = -math.inf
+        self._drawn: list[Pose2] = [STANDING]
+        """``map_from_local`` of each submap as the navigation grid shows it."""
+        self._drawings: list[_Drawing] = []
+        self._redrawing: Iterator[OccupancyGrid | None] | None = None
+        self._redrawn: list[Pose2] = []
+        """The same as the grid shows it that is being drawn."""
+        self._seen_corrections = 0
 
     def correct(self, map_correction: Pose2) -> None:
-        """Take over that the map about the robot has moved, as a loop closure finds.
+        """Take over that the map about the robot has moved.
 
-        The pose moves along, and the next estimate reports the correction, once. The grids are the caller's: whoever
-        closes a loop has drawn them anew, or the next match pulls the pose back to where they are.
+        The pose moves along, and the next estimate reports the correction, once. The navigation grid is the caller's:
+        whoever moves the map has drawn it anew.
 
         Args:
             map_correction: Transform from where a point of the map was to where it is now.
         """
+        self._graph.correct(map_correction)
+        self._drawn = [compose(map_correction, one) for one in self._drawn]
+        self._redrawing = None
+        self._take_correction(map_correction)
+
+    def _take_correction(self, map_correction: Pose2) -> None:
         self._map_from_base = compose(map_correction, self._map_from_base)
         if self.map_from_odom is not None:
             self.map_from_odom = compose(map_correction, self.map_from_odom)
-        self._inserted_at = compose(map_correction, self._inserted_at)
         self._correction = compose(map_correction, self._correction)
 
     def update(self, percept: Percept) -> SlamEstimate:
@@ -161,32 +181,91 @@ class Slam:
             if self.map_from_odom is not None:
                 self._map_from_base = compose(self.map_from_odom, percept.odom_from_base)
             return self._stay()
-        config, level, ends_in_base = self.config, percept.level, self._ends_in_base
-        if self.map_from_odom is None:
-            predicted = self._map_from_base
-        else:
-            predicted = compose(self.map_from_odom, percept.odom_from_base)
+        level, ends_in_base = percept.level, self._ends_in_base
         num_hits, num_returns, num_ends = _beam_ends(level, self._rule, ends_in_base, self._grazed)
-        pose, score = predicted, 1.0
-        if config.localisation == "slam" and self._num_scans > 0 and num_hits > 0:
-            pose, score = self._matcher.match(self.matching_grid, predicted, ends_in_base[:num_hits])
+        pose, score = self._localise(percept)
         map_from_lidar = pose
         if self._is_mounted:
             map_from_lidar = compose(pose, Pose2(float(level.origin[0]), float(level.origin[1]), 0.0))
         _to_map(pose, map_from_lidar, ends_in_base[:num_ends], self._ends_in_map, self._box)
         ends_in_map = self._ends_in_map[:num_ends]
         is_mapped = self.navigation_grid.insert(map_from_lidar, ends_in_map, num_hits, self._grazed, self._box)
-        if config.localisation == "slam" and self._is_due(percept.stamp, pose):
-            is_mapped &= self.matching_grid.insert(map_from_lidar, ends_in_map, num_hits, self._grazed, self._box)
-            self._inserted_at, self._inserted_stamp = pose, percept.stamp
-        self._num_scans += 1
-        if pose is not predicted or self.map_from_odom is None:
-            self.map_from_odom = compose(pose, inverse(percept.odom_from_base))
+        self._remember(num_hits, num_ends, level.origin)
         self._map_from_base = pose
         correction, self._correction = self._correction, STANDING
+        assert self.map_from_odom is not None
         return SlamEstimate(
             pose, self.map_from_odom, correction, score, ends_in_map[:num_returns], self.navigation_grid, is_mapped
         )
+
+    def _localise(self, percept: Percept) -> tuple[Pose2, float]:
+        """Pose of a new scan in the map as it is drawn, and the quality of its match."""
+        if self.config.localisation == "odometry":
+            if self.map_from_odom is None:
+                self.map_from_odom = compose(self._map_from_base, inverse(percept.odom_from_base))
+                return self._map_from_base, 1.0
+            return compose(self.map_from_odom, percept.odom_from_base), 1.0
+        graph = self._graph
+        graph.update(percept.level, percept.odom_from_base)
+        for transforms in (self._drawn, self._redrawn):
+            while transforms and len(transforms) < len(graph.store.submaps):
+                transforms.append(transforms[graph.place.submap])
+        alignment = None if graph.tracked is None else graph.tracked.alignment
+        self._redraw()
+        pose = compose(self._drawn[graph.place.submap], graph.place.local_from_base)
+        if alignment is not None or self.map_from_odom is None:
+            self.map_from_odom = compose(pose, inverse(percept.odom_from_base))
+        return pose, 1.0 if alignment is None else alignment.quality
+
+    def _remember(self, num_hits: int, num_ends: int, origin: FloatArray) -> None:
+        """Keep what the last scan draws, if it became a keyframe."""
+        tracked = self._graph.tracked
+        if self.config.localisation == "slam" and tracked is not None and tracked.keyframe is not None:
+            ends, grazed = self._ends_in_base[:num_ends].astype(np.float32), self._grazed[:num_ends].astype(np.float32)
+            lidar = float(origin[0]), float(origin[1])
+            self._drawings.append(_Drawing(self._graph.place, ends, num_hits, grazed, lidar))
+
+    def _redraw(self) -> None:
+        """Go on drawing the map anew; begin if the submaps have moved; swap when it is done."""
+        store = self._graph.store
+        if self._redrawing is None:
+            if self._seen_corrections == self._graph.back_end.num_optimised:
+                return
+            self._seen_corrections = self._graph.back_end.num_optimised
+            if not any(self._has_moved(k) for k in range(len(store.submaps))):
+                return
+            self._redrawn = [submap.map_from_local for submap in store.submaps]
+            self._redrawing = self._draw_anew()
+        grid = next(self._redrawing)
+        if grid is not None:
+            self._redrawing = None
+            submap = self._graph.place.submap
+            self._take_correction(compose(self._redrawn[submap], inverse(self._drawn[submap])))
+            self.navigation_grid, self._drawn = grid, self._redrawn
+
+    def _has_moved(self, k: int) -> bool:
+        """Whether a submap is elsewhere than the navigation grid shows it."""
+        submap = self._graph.store.submaps[k]
+        drawn, now = compose(self._drawn[k], submap.node), compose(submap.map_from_local, submap.node)
+        shift = self.config.redraw_shift
+        return distance(drawn, now) > shift or abs(wrap_angle(now.yaw - drawn.yaw)) * TURN_LEVER > shift
+
+    def _draw_anew(self) -> Iterator[OccupancyGrid | None]:
+        """Draw the scans of the past, some at a time, those that come meanwhile, too; the grid at the end."""
+        grid = OccupancyGrid(self.config.navigation_grid, (self._map_from_base.x, self._map_from_base.y))
+        done = 0
+        while done < len(self._drawings):
+            for drawing in self._drawings[done : done + self.config.redraw_scans]:
+                pose = compose(self._redrawn[drawing.place.submap], drawing.place.local_from_base)
+                ends = transform_points(pose, drawing.ends.astype(np.float64))
+                x, y = transform_points(pose, np.array([drawing.origin]))[0]
+                both = np.vstack([ends, [[x, y]]])
+                box = np.concatenate([both.min(axis=0), both.max(axis=0)])
+                lidar = Pose2(float(x), float(y), pose.yaw)
+                grid.insert(lidar, ends, drawing.num_hits, drawing.grazed.astype(np.float64), box)
+            done += self.config.redraw_scans
+            yield None
+        yield grid
 
     def _stay(self) -> SlamEstimate:
         """The present estimate, without a scan."""
@@ -194,15 +273,6 @@ class Slam:
         map_from_odom = self._map_from_base if self.map_from_odom is None else self.map_from_odom
         return SlamEstimate(
             self._map_from_base, map_from_odom, correction, 1.0, self._ends_in_map[:0], self.navigation_grid
-        )
-
-    def _is_due(self, stamp: float, pose: Pose2) -> bool:
-        c, last = self.config, self._inserted_at
-        return (
-            self._num_scans < c.first_scans
-            or math.hypot(pose.x - last.x, pose.y - last.y) > c.insert_distance
-            or abs(wrap_angle(pose.yaw - last.yaw)) > c.insert_angle
-            or stamp - self._inserted_stamp >= c.insert_period
         )
 
 

@@ -76,6 +76,8 @@ class SubmapStore:
 
     submaps: list[Submap] = field(default_factory=list)
     keyframes: list[Keyframe] = field(default_factory=list)
+    map_from_local: Pose2 = STANDING
+    """Where the first submap is in the map."""
 
     def map_from_base(self, keyframe: Keyframe) -> Pose2:
         """Where a keyframe is in the map by now."""

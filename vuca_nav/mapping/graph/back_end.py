@@ -78,7 +78,7 @@ class BackEnd:
         self._proposals: list[_Proposal] = []
         self._num_new = 0
         self._optimised_at = 0
-        self.num_tried = self.num_closed = 0
+        self.num_tried = self.num_closed = self.num_optimised = 0
 
     def work(self, number: int) -> Iterator[None]:
         """Take in a keyframe: slices of work.
@@ -219,6 +219,7 @@ class BackEnd:
         self._proposals.clear()  # they were found from where the submaps were
         self.graph.poses = [compose(submap.map_from_local, submap.node) for submap in submaps]
         self.graph.optimise()
+        self.num_optimised += 1
         for submap, pose in zip(submaps, self.graph.poses):
             submap.map_from_local = compose(pose, inverse(submap.node))
 
