@@ -8,6 +8,7 @@ from typing import NamedTuple
 from vuca_nav.geometry import between, compose
 from vuca_nav.mapping.front_end import FrontEnd, FrontEndConfig, Tracked
 from vuca_nav.mapping.graph.back_end import BackEnd, BackEndConfig
+from vuca_nav.mapping.graph.loop_closure import warm_up
 from vuca_nav.mapping.grid import OccupancyGrid
 from vuca_nav.mapping.returns import ReturnReader
 from vuca_nav.mapping.submaps import SubmapStore
@@ -54,6 +55,7 @@ class GraphSlam:
         self.config = config
         self._reader = ReturnReader(lidar, config.reach, config.surface_thickness)
         self.front_end = FrontEnd(lidar.num_beams, config.front_end)
+        warm_up(config.front_end.alignment)
         self.reset(STANDING)
 
     def reset(self, start: Pose2, prior_map: OccupancyGrid | None = None) -> None:

@@ -84,12 +84,11 @@ def _update(slam: GraphSlam, log: RobotLog, k: int, level: LevelScan) -> Pose2:
 
 
 def _warm_up(slam: GraphSlam, log: RobotLog) -> None:
-    """Let all kernels be compiled or loaded: SLAM over the first scans, and a closure against itself."""
+    """Let all kernels be compiled or loaded: SLAM over the first scans."""
     slam.reset(Pose2(*map(float, log.odometry[0])))
     level = _level_of(log)
     for k in range(min(WARM_UP, len(log.stamps))):
         _update(slam, log, k, level)
-    slam.back_end.warm_up()
 
 
 def _final(slam: GraphSlam, places: list[Anchored]) -> FloatArray:

@@ -43,10 +43,14 @@ class BackEndConfig:
     """[rad]"""
     lever: float = 10.0
     """Length over which an error of a submap's yaw becomes one of position [m]."""
-    agree_position: float = 0.3
-    """A closure that moves the map by more than this [m] ..."""
-    agree_yaw: float = 0.06
-    """... or this [rad] waits until another one, from another place, agrees with it as closely ..."""
+    most_trusted: float = 0.05
+    """A closure that moves the map by more than this [m], or than the graph's uncertainty allows ..."""
+    turn_lever: float = 5.0
+    """... with a turn counted as a shift at this distance [m] ..."""
+    agree_position: float = 0.1
+    """... waits until another one, from another place, agrees with it to this [m] ..."""
+    agree_yaw: float = 0.03
+    """... and this [rad] ..."""
     patience: int = 40
     """... for so many keyframes; then it is forgotten."""
     optimise_every: int = 10
@@ -89,32 +93,27 @@ class BackEnd:
         self._take_submaps()
         if number % self.config.search_every == 0 and self._places:
             bundle = None
-            for candidate, spread in self._candidates(number):
+            for candidate, spread, uncertain in self._candidates(number):
                 if bundle is None:
                     first = max(number + 1 - self.config.closure.bundle, 0)
                     bundle = bundle_of(self.store.keyframes[first : number + 1], self.config.closure)
                 yield
-                self._try(number, candidate, spread, bundle)
+                packed = self.store.submaps[candidate].packed
+                assert packed is not None  # candidates are finished
+                if not self._search.is_ready(candidate):
+                    self._search.prepare(candidate, packed)
+                    yield
+                self._try(number, candidate, spread, uncertain, bundle)
         if self._num_new and number - self._optimised_at >= self.config.optimise_every:
-            yield
-            self._optimise()
             self._optimised_at = number
-
-    def warm_up(self) -> None:
-        """Compile what the search needs, or load it, before it is needed in a hurry."""
-        store = self.store
-        if not store.keyframes or store.submaps[0].grid is None:
-            return
-        keyframe = store.keyframes[0]
-        bundle = bundle_of([keyframe], self.config.closure)
-        spread = Spread(self.config.least_position, self.config.least_yaw)
-        self._search.find(-1, store.submaps[0].grid.pack(), bundle, keyframe.local_from_base, spread)
+            yield
+            yield from self._optimise()
 
     def finish(self) -> None:
         """Optimise with all that is known."""
         self._take_submaps()
-        for _ in range(3):
-            self._optimise()
+        for _ in self._optimise():
+            pass
 
     def _take_submaps(self) -> None:
         store = self.store
@@ -140,8 +139,12 @@ class BackEnd:
     def _cost(self, covariance: FloatArray) -> float:
         return float(covariance[0, 0] + covariance[1, 1] + covariance[2, 2] * self.config.lever**2)
 
-    def _candidates(self, number: int) -> list[tuple[int, Spread]]:
-        """Finished submaps about the robot, the one that it is tied to least first, with their windows."""
+    def _candidates(self, number: int) -> list[tuple[int, Spread, float]]:
+        """Finished submaps about the robot, the one that it is tied to least first.
+
+        Returns:
+            Their numbers, windows, and how far they may be off by what the graph knows [m].
+        """
         c, keyframe = self.config, self.store.keyframes[number]
         active = keyframe.submap
         here = self.store.map_from_base(keyframe)
@@ -162,17 +165,17 @@ class BackEnd:
             in_local = compose(inverse(self.store.submaps[k].map_from_local), here)
             away = math.sqrt(float(((self._places[k] - in_local[:2]) ** 2).sum(axis=1).min()))
             if away < c.near + position:
-                found.append((variance[k], k, Spread(position, yaw)))
-        found.sort(key=lambda item: (-item[0], item[1]))
-        return [(k, spread) for _, k, spread in found[: c.candidates]]
+                found.append((k, Spread(position, yaw), uncertain))
+        found.sort(key=lambda item: (-item[2], item[0]))
+        return found[: c.candidates]
 
-    def _try(self, number: int, k: int, spread: Spread, bundle: Bundle) -> None:
+    def _try(self, number: int, k: int, spread: Spread, uncertain: float, bundle: Bundle) -> None:
         submaps = self.store.submaps
         here = compose(submaps[bundle.submap].map_from_local, bundle.local_from_base)
         centre = compose(inverse(submaps[k].map_from_local), here)
         self.num_tried += 1
         packed = submaps[k].packed
-        assert packed is not None  # candidates are finished
+        assert packed is not None
         closure = self._search.find(k, packed, bundle, centre, spread)
         if closure is None:
             return
@@ -186,7 +189,9 @@ class BackEnd:
         )
         found = compose(submaps[k].map_from_local, closure.local_from_base)
         proposal = _Proposal(number, edge, compose(found, inverse(here)), here)
-        if not self._is_near(here, found):
+        off = between(here, found)
+        shift = max(math.hypot(off.x, off.y), abs(off.yaw) * self.config.turn_lever)
+        if shift > min(uncertain, self.config.most_trusted):
             partners = [other for other in self._proposals if self._agree(proposal, other)]
             if not partners:
                 self._proposals.append(proposal)
@@ -213,15 +218,19 @@ class BackEnd:
         self._costs.append(self._cost(_inverted(edge.information + np.diag([1.0, 1.0, 100.0]))))
         self._num_new += 1
 
-    def _optimise(self) -> None:
+    def _optimise(self) -> Iterator[None]:
         submaps = self.store.submaps
         self._num_new = 0
         self._proposals.clear()  # they were found from where the submaps were
         self.graph.poses = [compose(submap.map_from_local, submap.node) for submap in submaps]
-        self.graph.optimise()
+        yield from self.graph.steps()
         self.num_optimised += 1
-        for submap, pose in zip(submaps, self.graph.poses):
-            submap.map_from_local = compose(pose, inverse(submap.node))
+        poses = self.graph.poses
+        for k, submap in enumerate(submaps):
+            if k < len(poses):
+                submap.map_from_local = compose(poses[k], inverse(submap.node))
+            else:  # it has begun meanwhile, where the one before it was
+                submap.map_from_local = submaps[k - 1].map_from_local
 
 
 def _inverted(matrix: FloatArray) -> FloatArray:

@@ -1,5 +1,6 @@
 """Loop closure: whether what the robot sees now is a place of a finished submap, and where in it the robot stands."""
 
+import functools
 import math
 from collections import OrderedDict
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ from vuca_nav.mapping.alignment import Aligner, Alignment, AlignmentConfig, Spre
 from vuca_nav.mapping.graph.branch_and_bound import Pyramid, Window, build_pyramid, score_along, search
 from vuca_nav.mapping.submaps import Keyframe
 from vuca_nav.mapping.surfaces import PackedSurfaces, Surface
-from vuca_nav.types import FloatArray, Pose2
+from vuca_nav.types import STANDING, FloatArray, Pose2
 
 _SLIDES = np.array([-3.0, -2.0, -1.4, -1.0, -0.7, -0.5, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0])
 """Where else along a line the returns of a closure are tried [m]."""
@@ -86,6 +87,20 @@ class _Ready(NamedTuple):
     pyramid: Pyramid
 
 
+@functools.cache
+def warm_up(alignment: AlignmentConfig) -> None:
+    """Compile what a search needs, or load it, once a process: the first closure would stall the loop for a second."""
+    level = np.zeros((100, 100), np.int8)
+    level[20:80, 20] = level[20, 20:80] = 1
+    cells = np.flatnonzero(level).astype(np.int32)
+    mean, count = np.full((len(cells), 2), 0.5, np.float32), np.ones(len(cells), np.uint8)
+    corner = PackedSurfaces(level, cells, mean, count, (0.0, 0.0), 0.05, 1)
+    along = np.arange(1.025, 3.0, 0.05)
+    points = np.concatenate([np.column_stack([along, 0 * along + 1.025]), np.column_stack([0 * along + 1.025, along])])
+    bundle = Bundle(STANDING, 0, points, np.zeros_like(points))
+    ClosureSearch(alignment).find(0, corner, bundle, STANDING, Spread(0.3, 0.05))
+
+
 def bundle_of(keyframes: list[Keyframe], config: ClosureConfig) -> Bundle:
     """Collect the returns of the last keyframes, one for each cell of 5 cm."""
     latest = keyframes[-1]
@@ -132,7 +147,7 @@ class ClosureSearch:
         Returns:
             The closure, None if there is none.
         """
-        c, ready = self.config, self._prepared(number, submap)
+        c, ready = self.config, self.prepare(number, submap)
         if len(bundle.points) < 30:
             return None
         few = bundle.points[_thinned(np.arange(len(bundle.points)), c.search_points)]
@@ -187,7 +202,11 @@ class ClosureSearch:
         here = score_along(pyramid, points, pose, direction, np.zeros(1))
         return score_along(pyramid, points, pose, direction, _SLIDES) > self.config.alike * here
 
-    def _prepared(self, number: int, submap: PackedSurfaces) -> _Ready:
+    def is_ready(self, number: int) -> bool:
+        """Whether a submap can be searched in at once."""
+        return number in self._ready
+
+    def prepare(self, number: int, submap: PackedSurfaces) -> _Ready:
         """The submap unpacked, with its pyramid; those used last are kept."""
         if number in self._ready:
             self._ready.move_to_end(number)

@@ -7,6 +7,7 @@ off as a wrong one, until the loop has bent.
 """
 
 import math
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -49,16 +50,16 @@ class PoseGraph:
         self.poses.append(pose)
         return len(self.poses) - 1
 
-    def optimise(self) -> float:
-        """Move the nodes to where the edges agree best.
+    def optimise(self) -> None:
+        """Move the nodes to where the edges agree best."""
+        for _ in self.steps():
+            pass
 
-        Returns:
-            The greatest step of a node [m].
-        """
-        before = np.array(self.poses)
-        poses = before.copy()
+    def steps(self) -> Iterator[None]:
+        """Optimise in pieces; the nodes move with the last one. No nodes or edges may come meanwhile."""
+        poses = np.array(self.poses)
         if not self.edges or len(poses) < 2:
-            return 0.0
+            return
         arrays = _Arrays.of(self.edges)
         width = max(self._widest(poses, arrays), KERNEL)
         for _ in range(ITERATIONS):
@@ -67,8 +68,8 @@ class PoseGraph:
             if width <= KERNEL and abs(step).max() < CONVERGED:
                 break
             width = max(NARROWING * width, KERNEL)
+            yield
         self.poses = [Pose2(x, y, _wrapped(yaw)) for x, y, yaw in poses.tolist()]
-        return float(np.hypot(*(poses - before)[:, :2].T).max())
 
     def _widest(self, poses: FloatArray, arrays: "_Arrays") -> float:
         """Greatest deviation of a closure."""

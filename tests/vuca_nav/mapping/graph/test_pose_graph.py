@@ -33,8 +33,7 @@ def test_a_square_loop_closes():
     assert math.dist(graph.poses[-1][:2], SQUARE[-1][:2]) > 3.0
     last = len(SQUARE) - 1
     graph.edges.append(Edge(0, last, between(SQUARE[0], SQUARE[last]), STANDING, SURE, True))
-    moved = graph.optimise()
-    assert moved > 3.0
+    graph.optimise()
     assert between(graph.poses[0], graph.poses[-1]) == pytest.approx(between(SQUARE[0], SQUARE[-1]), abs=0.05)
     assert max(math.dist(a[:2], b[:2]) for a, b in zip(graph.poses, SQUARE)) < 1.0
     assert graph.poses[0] == SQUARE[0]
