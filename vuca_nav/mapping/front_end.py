@@ -96,6 +96,7 @@ class FrontEnd:
             returns: The scan's returns.
             motion: Motion since the last scan by odometry.
         """
+        motion = self.model.corrected(motion)
         way, turn = math.hypot(motion.x, motion.y), abs(motion.yaw)
         self._unmatched[0] += way
         self._unmatched[1] += turn
@@ -149,7 +150,8 @@ class FrontEnd:
         """Compare matches and odometry since the last keyframe."""
         by_match = between(self._at_keyframe, self.local_from_base)
         if self._is_sure:
-            self.model.learn(self._way, self._turn, between(by_match, self._odometry), self._knows_position)
+            residual = between(by_match, self._odometry)
+            self.model.learn(self._way, self._turn, by_match, residual, self._knows_position)
 
     def _keep(self, returns: Returns) -> Keyframe | None:
         """Make the scan a keyframe, in the submap that is matched and in the one that begins."""

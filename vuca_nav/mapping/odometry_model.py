@@ -11,6 +11,11 @@ from dataclasses import dataclass
 from vuca_nav.mapping.alignment import Spread
 from vuca_nav.types import Pose2
 
+FORGETTING, SIGNIFICANT = 0.998, 3.0
+"""Share that an error of scale keeps from one motion to the next; deviations from which on it is one and no chance."""
+NARROWEST, WIDEST = 0.8, 1.25
+"""Scales stay between these: an odometer that is farther off errs in other ways."""
+
 
 @dataclass(frozen=True, slots=True)
 class OdometryModelConfig:
@@ -34,6 +39,28 @@ class OdometryModelConfig:
     """A residual beyond three deviations counts as one of three: slips must not spoil the rates."""
 
 
+class _Scale:
+    """Factor on odometry's ways or turns; 1 until an error of scale is beyond doubt.
+
+    Args:
+        noise: Deviation of a match between two keyframes [m or rad].
+    """
+
+    def __init__(self, noise: float):
+        self.factor = 1.0
+        self._noise, self._squares, self._scaled = noise, 0.0, 0.0
+
+    def learn(self, off: float, length: float) -> None:
+        """Take in how far the scaled odometry was ahead of the matches, times the length of the motion."""
+        squared = length * length
+        self._squares = FORGETTING * self._squares + squared
+        self._scaled = FORGETTING * self._scaled + self.factor * (squared - off)
+        if self._squares > 0.0:
+            scale = self._scaled / self._squares
+            is_sure = abs(scale - 1.0) > SIGNIFICANT * self._noise / math.sqrt(self._squares)
+            self.factor = min(max(scale, NARROWEST), WIDEST) if is_sure else 1.0
+
+
 class OdometryModel:
     """Variance of odometry's motions. ``spread(motion)`` before a match, ``learn`` after good ones."""
 
@@ -46,6 +73,7 @@ class OdometryModel:
         c = self.config
         self._position = [c.position_per_metre, c.position_per_radian]
         self._yaw = [c.yaw_per_metre, c.yaw_per_radian]
+        self._way_scale, self._turn_scale = _Scale(2.0 * c.match_position), _Scale(4.0 * c.match_yaw)
 
     @property
     def rates(self) -> tuple[float, float, float, float]:
@@ -69,20 +97,31 @@ class OdometryModel:
         position, yaw = self.variances(way, turn)
         return Spread(math.sqrt(position), math.sqrt(yaw), way, turn)
 
-    def learn(self, way: float, turn: float, residual: Pose2, learns_position: bool) -> None:
+    def corrected(self, motion: Pose2) -> Pose2:
+        """A motion without the errors of scale that matches have shown."""
+        way, turn = self._way_scale.factor, self._turn_scale.factor
+        return Pose2(motion.x * way, motion.y * way, motion.yaw * turn)
+
+    def learn(self, way: float, turn: float, motion: Pose2, residual: Pose2, learns_position: bool) -> None:
         """Take in what matches have corrected over a motion.
 
         Args:
             way: Length of the way [m].
             turn: Sum of the turning [rad].
+            motion: The whole motion by matches.
             residual: Motion by odometry, in the frame of the motion by matches.
             learns_position: Whether the matches were sure of the position in every direction.
         """
         c = self.config
         position, yaw = self.variances(way, turn)
         if learns_position:
+            off = residual.x * motion.x + residual.y * motion.y  # times the way: ahead of the matches
+            if residual.x**2 + residual.y**2 < c.most * (position + c.match_position**2):
+                self._way_scale.learn(off, way)
             seen = 0.5 * (residual.x * residual.x + residual.y * residual.y)
             _scale(self._position, (way, turn), seen, position, c.match_position**2, c)
+        if residual.yaw**2 < c.most * (yaw + c.match_yaw**2):
+            self._turn_scale.learn(residual.yaw * motion.yaw, turn)
         _scale(self._yaw, (way, turn), residual.yaw * residual.yaw, yaw, c.match_yaw**2, c)
 
 
