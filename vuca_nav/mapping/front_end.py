@@ -7,13 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from vuca_nav.geometry import between, compose, wrap_angle
-from vuca_nav.mapping.alignment import Aligner, Alignment, AlignmentConfig, squared_deviations
+from vuca_nav.mapping.alignment import Aligner, Alignment, AlignmentConfig, Spread, squared_deviations
 from vuca_nav.mapping.grid import GridConfig, OccupancyGrid
-from vuca_nav.mapping.odometry_model import OdometryModel, OdometryModelConfig
+from vuca_nav.mapping.odometry_model import Motion, OdometryModel, OdometryModelConfig
 from vuca_nav.mapping.returns import Returns
 from vuca_nav.mapping.submaps import Keyframe, Submap, SubmapStore, insert_scan, keyframe_of
 from vuca_nav.mapping.surfaces import SurfaceGrid
-from vuca_nav.types import FloatArray, Pose2
+from vuca_nav.types import STANDING, FloatArray, Pose2
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +39,13 @@ class FrontEndConfig:
     """[rad]"""
     better: float = 0.05
     """The wider search must improve the share of matched returns by this much."""
+    lesson_way: float = 1.0
+    """Length of a stretch over which odometry is compared with matches [m]: wheels slip alike over about as much, and
+    over less they would seem too good ..."""
+    lesson_turn: float = 1.0
+    """... or its turning [rad]."""
+    lesson_off: float = 0.1
+    """A match that the returns alone would move by more than this teaches nothing [m]."""
     drift_factor: float = 9.0
     """Errors of neighbouring matches are alike: their covariance grows so many times faster than if they were not."""
 
@@ -51,6 +58,28 @@ class Tracked(NamedTuple):
     """None where nothing was matched."""
     keyframe: Keyframe | None
     """The keyframe, if the scan became one."""
+
+
+@dataclass(slots=True)
+class _Lesson:
+    """A stretch of the way over which odometry is compared with matches."""
+
+    at: Pose2
+    """The match that it begins at."""
+    noise: tuple[float, float]
+    """Variances of that match: position along an axis [m^2], yaw [rad^2]."""
+    odometry: Pose2 = STANDING
+    """Motion since by odometry."""
+    way: float = 0.0
+    """[m]"""
+    turn: float = 0.0
+    """[rad]"""
+
+    def add(self, motion: Pose2) -> None:
+        """Go on by a motion of odometry."""
+        self.odometry = compose(self.odometry, motion)
+        self.way += math.hypot(motion.x, motion.y)
+        self.turn += abs(motion.yaw)
 
 
 class FrontEnd:
@@ -77,9 +106,8 @@ class FrontEnd:
         self._unmatched = [0.0, 0.0]
         """Way and turning since the last match [m, rad]."""
         self._way = self._turn = 0.0
-        self._odometry = Pose2(0.0, 0.0, 0.0)
         self._at_keyframe = start
-        self._is_sure, self._knows_position = True, True
+        self._lesson: _Lesson | None = None
         self._drift = np.zeros((3, 3))
         self._information = np.zeros((3, 3))
         self._is_given = prior_map is not None
@@ -102,7 +130,8 @@ class FrontEnd:
         self._unmatched[1] += turn
         self._way += way
         self._turn += turn
-        self._odometry = compose(self._odometry, motion)
+        if self._lesson is not None:
+            self._lesson.add(motion)
         predicted = compose(self.local_from_base, motion)
         if self.active < 0:
             self.local_from_base = predicted
@@ -111,11 +140,11 @@ class FrontEnd:
         if len(returns.points):
             alignment = self._align(returns, predicted)
         if alignment is None:
-            self._is_sure = False
+            self._lesson = None
             self.local_from_base = predicted
         else:
-            self._is_sure &= alignment.quality >= self.config.good
-            self._knows_position &= not alignment.is_degenerate
+            if alignment.quality < self.config.good:
+                self._lesson = None
             self._information = alignment.information
             self.local_from_base = alignment.pose
             self._unmatched = [0.0, 0.0]
@@ -125,7 +154,7 @@ class FrontEnd:
             math.hypot(here.x - last.x, here.y - last.y) > self.config.keyframe_distance
             or abs(wrap_angle(here.yaw - last.yaw)) > self.config.keyframe_angle
         ):
-            self._learn()
+            self._learn(returns)
             keyframe = self._keep(returns)
         return Tracked(here, alignment, keyframe)
 
@@ -146,12 +175,38 @@ class FrontEnd:
             return None
         return best
 
-    def _learn(self) -> None:
-        """Compare matches and odometry since the last keyframe."""
-        by_match = between(self._at_keyframe, self.local_from_base)
-        if self._is_sure:
-            residual = between(by_match, self._odometry)
-            self.model.learn(self._way, self._turn, by_match, residual, self._knows_position)
+    def _learn(self, returns: Returns) -> None:
+        """Compare what the returns alone say and odometry, over a stretch of the way.
+
+        With the pull of the prediction matches would confirm odometry, and the more so the more it is trusted.
+        """
+        c, lesson = self.config, self._lesson
+        if lesson is not None and lesson.way < c.lesson_way and lesson.turn < c.lesson_turn:
+            return
+        grid, here = self.store.submaps[self.active].grid, self.local_from_base
+        assert grid is not None  # the active submap is never finished
+        match = self._aligner.refine(grid.surface, here, returns.points, returns.normals, here, Spread(1.0, 1.0))
+        off = between(here, match.pose)
+        self._lesson = None
+        if match.quality < c.good or math.hypot(off.x, off.y) > c.lesson_off:
+            return
+        noise = self._noise_of(match)
+        if lesson is not None:
+            motion = between(lesson.at, match.pose)
+            self.model.learn(
+                Motion(lesson.way, lesson.turn, motion),
+                between(motion, lesson.odometry),
+                (noise[0] + lesson.noise[0], noise[1] + lesson.noise[1]),
+            )
+        self._lesson = _Lesson(match.pose, noise)
+
+    def _noise_of(self, match: Alignment) -> tuple[float, float]:
+        """Variances of position, along an axis, and of yaw of a match without a pull."""
+        c = self.config
+        if match.is_degenerate:
+            return math.inf, math.inf
+        covariance = np.linalg.inv(match.information) * (c.drift_factor * c.alignment.return_deviation**2)
+        return 0.5 * float(covariance[0, 0] + covariance[1, 1]), float(covariance[2, 2])
 
     def _keep(self, returns: Returns) -> Keyframe | None:
         """Make the scan a keyframe, in the submap that is matched and in the one that begins."""
@@ -179,11 +234,9 @@ class FrontEnd:
         self._leave_keyframe()
 
     def _leave_keyframe(self) -> None:
-        """Count way and odometry from here on."""
+        """Count the way from here on."""
         self._at_keyframe = self.local_from_base
         self._way = self._turn = 0.0
-        self._odometry = Pose2(0.0, 0.0, 0.0)
-        self._is_sure = self._knows_position = True
 
     def _begin_submap(self, first_keyframe: int) -> None:
         """Begin a submap here; the one before the last is finished, and its grid is taken for the new one."""

@@ -7,6 +7,7 @@ and Fox 2005, Section 5.4). Whatever the matches leave over scales the rates up 
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from vuca_nav.mapping.alignment import Spread
 from vuca_nav.types import Pose2
@@ -29,35 +30,43 @@ class OdometryModelConfig:
     """Variance of the yaw [rad^2 / m]: 1 degree after a metre."""
     yaw_per_radian: float = 2.7e-3
     """Variance of the yaw [rad^2 / rad]: 3 degrees after a radian."""
-    match_position: float = 0.002
-    """Deviation of a match itself, which is no error of odometry [m]."""
-    match_yaw: float = 0.0005
-    """[rad]"""
-    rate: float = 0.05
-    """Share by which one motion between keyframes may change the rates."""
+    rate: float = 0.1
+    """Share by which one motion may change the rates."""
     most: float = 9.0
     """A residual beyond three deviations counts as one of three: slips must not spoil the rates."""
 
 
+class Motion(NamedTuple):
+    """A stretch of the way."""
+
+    way: float
+    """Its length [m]."""
+    turn: float
+    """Sum of the turning, whichever way [rad]."""
+    by_match: Pose2
+    """The whole motion by matches."""
+
+
 class _Scale:
-    """Factor on odometry's ways or turns; 1 until an error of scale is beyond doubt.
+    """Factor on odometry's ways or turns; 1 until an error of scale is beyond doubt."""
 
-    Args:
-        noise: Deviation of a match between two keyframes [m or rad].
-    """
-
-    def __init__(self, noise: float):
+    def __init__(self):
         self.factor = 1.0
-        self._noise, self._squares, self._scaled = noise, 0.0, 0.0
+        self._information, self._scaled = 0.0, 0.0
 
-    def learn(self, off: float, length: float) -> None:
-        """Take in how far the scaled odometry was ahead of the matches, times the length of the motion."""
-        squared = length * length
-        self._squares = FORGETTING * self._squares + squared
-        self._scaled = FORGETTING * self._scaled + self.factor * (squared - off)
-        if self._squares > 0.0:
-            scale = self._scaled / self._squares
-            is_sure = abs(scale - 1.0) > SIGNIFICANT * self._noise / math.sqrt(self._squares)
+    def learn(self, ahead: float, length: float, variance: float) -> None:
+        """Take in a motion.
+
+        Args:
+            ahead: How far the scaled odometry was ahead of the matches [m or rad].
+            length: The motion by the matches, with its sign.
+            variance: Variance that ``ahead`` would have without an error of scale.
+        """
+        self._information = FORGETTING * self._information + length * length / variance
+        self._scaled = FORGETTING * self._scaled + self.factor * length * (length - ahead) / variance
+        if self._information > 0.0:
+            scale = self._scaled / self._information
+            is_sure = abs(scale - 1.0) * math.sqrt(self._information) > SIGNIFICANT
             self.factor = min(max(scale, NARROWEST), WIDEST) if is_sure else 1.0
 
 
@@ -73,7 +82,7 @@ class OdometryModel:
         c = self.config
         self._position = [c.position_per_metre, c.position_per_radian]
         self._yaw = [c.yaw_per_metre, c.yaw_per_radian]
-        self._way_scale, self._turn_scale = _Scale(2.0 * c.match_position), _Scale(4.0 * c.match_yaw)
+        self._way_scale, self._turn_scale = _Scale(), _Scale()
 
     @property
     def rates(self) -> tuple[float, float, float, float]:
@@ -102,27 +111,27 @@ class OdometryModel:
         way, turn = self._way_scale.factor, self._turn_scale.factor
         return Pose2(motion.x * way, motion.y * way, motion.yaw * turn)
 
-    def learn(self, way: float, turn: float, motion: Pose2, residual: Pose2, learns_position: bool) -> None:
-        """Take in what matches have corrected over a motion.
+    def learn(self, motion: Motion, residual: Pose2, noise: tuple[float, float]) -> None:
+        """Take in how odometry and two matches differ over a motion, where the matches know more than odometry.
 
         Args:
-            way: Length of the way [m].
-            turn: Sum of the turning [rad].
-            motion: The whole motion by matches.
+            motion: The motion.
             residual: Motion by odometry, in the frame of the motion by matches.
-            learns_position: Whether the matches were sure of the position in every direction.
+            noise: Variances of what the two matches say: of position along an axis [m^2], and of yaw [rad^2].
         """
-        c = self.config
+        c, (way, turn, by_match) = self.config, motion
         position, yaw = self.variances(way, turn)
-        if learns_position:
-            off = residual.x * motion.x + residual.y * motion.y  # times the way: ahead of the matches
-            if residual.x**2 + residual.y**2 < c.most * (position + c.match_position**2):
-                self._way_scale.learn(off, way)
+        if noise[0] < position:
+            length = math.hypot(by_match.x, by_match.y)
+            variance = 2.0 * (position + noise[0])  # if all of it is along the way
+            if length > 0.0 and residual.x**2 + residual.y**2 < c.most * variance:
+                self._way_scale.learn((residual.x * by_match.x + residual.y * by_match.y) / length, length, variance)
             seen = 0.5 * (residual.x * residual.x + residual.y * residual.y)
-            _scale(self._position, (way, turn), seen, position, c.match_position**2, c)
-        if residual.yaw**2 < c.most * (yaw + c.match_yaw**2):
-            self._turn_scale.learn(residual.yaw * motion.yaw, turn)
-        _scale(self._yaw, (way, turn), residual.yaw * residual.yaw, yaw, c.match_yaw**2, c)
+            _scale(self._position, (way, turn), seen, position, noise[0], c)
+        if noise[1] < yaw:
+            if residual.yaw**2 < c.most * (yaw + noise[1]):
+                self._turn_scale.learn(residual.yaw, by_match.yaw, yaw + noise[1])
+            _scale(self._yaw, (way, turn), residual.yaw * residual.yaw, yaw, noise[1], c)
 
 
 def _scale(rates: list[float], motion: tuple[float, float], seen: float, expected: float, noise: float, c) -> None:
