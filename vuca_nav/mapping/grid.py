@@ -85,6 +85,7 @@ class OccupancyGrid:
     Attributes:
         level: (rows, columns) int8, row i holds y, column j holds x. Above 0 is occupied, below 0 free. Only ``insert``
             and ``fill`` may write to it.
+        scan_index: Number of the last scan that was inserted; whoever draws scans of the past may set it.
         origin: x and y of the lower-left corner of cell [0, 0] in the map [m].
     """
 
@@ -94,7 +95,7 @@ class OccupancyGrid:
         cells = 4 * round(config.block / config.resolution)
         self.level: NDArray[np.int8] = np.zeros((cells, cells), np.int8)
         self._scan_of_last_update = np.zeros((cells, cells), np.int32)
-        self._scan_index = 0
+        self.scan_index = 0
         self.origin = self._origin_about(centre)
         # By the C library: NumPy's own functions round in the way of the processor's type.
         self.probability_of_level = np.array([_probability(k * config.unit) for k in range(-128, 128)])
@@ -119,7 +120,7 @@ class OccupancyGrid:
         window = self._known_window()
         for array in self._arrays():
             array[window] = 0
-        self._scan_index = 0
+        self.scan_index = 0
         self.origin = self._origin_about(centre)
         self._entropy_change[0] = 0.0
         self._cells = None
@@ -166,7 +167,7 @@ class OccupancyGrid:
 
     def not_updated_for(self, scans: int) -> NDArray[np.bool_]:
         """Mask of the cells that some scan has hit or changed, but none of the last ``scans``, (rows, columns)."""
-        return (self._scan_of_last_update > 0) & (self._scan_of_last_update < self._scan_index - scans)
+        return (self._scan_of_last_update > 0) & (self._scan_of_last_update < self.scan_index - scans)
 
     def cover(self, x_min: float, y_min: float, x_max: float, y_max: float) -> bool:
         """Grow, if need be, so that the rectangle lies inside; returns whether it does: a grid has a greatest size."""
@@ -254,8 +255,8 @@ class OccupancyGrid:
         """
         if not self._include(float(box[0]), float(box[1]), float(box[2]), float(box[3])):
             return False
-        self._scan_index += 1
-        _insert(self.cells, self._scan_index, map_from_sensor.x, map_from_sensor.y, points_in_map, num_hits, grazed)
+        self.scan_index += 1
+        _insert(self.cells, self.scan_index, map_from_sensor.x, map_from_sensor.y, points_in_map, num_hits, grazed)
         return True
 
     def fill(self, level: NDArray[np.int8], origin: tuple[float, float]) -> None:

@@ -7,25 +7,23 @@ drawn anew beside the present one, some scans a tick, and swapped together with 
 """
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from vuca_nav.errors import BadArgument
-from vuca_nav.geometry import compose, distance, inverse, transform_points, wrap_angle
+from vuca_nav.geometry import compose, inverse
 from vuca_nav.kernel_cache import njit
-from vuca_nav.mapping.graph_slam import Anchored, GraphSlam, GraphSlamConfig
+from vuca_nav.mapping.graph_slam import GraphSlam, GraphSlamConfig
 from vuca_nav.mapping.grid import GridConfig, OccupancyGrid
+from vuca_nav.mapping.redraw import Drawing, DrawnMap, RedrawRule
 from vuca_nav.perception.percept import Percept
 from vuca_nav.perception.readings import FARTHEST
 from vuca_nav.types import STANDING, FloatArray, LidarSpec, Pose2
 
 _SIDE = 3
 """Beams to either side whose returns give a surface's direction at a return."""
-TURN_LEVER = 3.0
-"""Distance from a submap's node at which a turn of it counts as a shift [m]."""
 _LEAST_SINE = 0.04
 """Least sine of the angle between beam and surface: at 2.3 degrees a beam grazes at most 2.5 m of a wall."""
 
@@ -81,19 +79,6 @@ class _BeamRule(NamedTuple):
     """Whether the last beam is the first one's neighbour."""
 
 
-class _Drawing(NamedTuple):
-    """A scan of the past, to be drawn anew."""
-
-    place: Anchored
-    ends: np.ndarray
-    """(n, 2) float32 ends of its beams in base_link [m]."""
-    num_hits: int
-    grazed: np.ndarray
-    """(n,) float32 [m]"""
-    origin: tuple[float, float]
-    """Place of the lidar in base_link [m]."""
-
-
 class Slam:
     """``update(percept) -> SlamEstimate`` at the lidar's rate."""
 
@@ -124,21 +109,21 @@ class Slam:
         start = Pose2(*(float(value) for value in start))
         if not all(abs(value) < FARTHEST for value in start):
             raise BadArgument(f"the start {tuple(start)} must be finite, within {FARTHEST:g} m of the map's origin")
-        self.navigation_grid = OccupancyGrid(self.config.navigation_grid, (start.x, start.y))
+        c = self.config
+        grid = OccupancyGrid(c.navigation_grid, (start.x, start.y))
         if prior_map is not None:
-            self.navigation_grid.fill(prior_map.level, prior_map.origin)
+            grid.fill(prior_map.level, prior_map.origin)
+        self._map = DrawnMap(grid, RedrawRule(c.redraw_shift, c.redraw_scans))
         self._graph.reset(start, prior_map)
         self.map_from_odom: Pose2 | None = None
         """The correction; None before the first scan, which is taken at ``start``."""
         self._map_from_base = start
         self._correction = STANDING
-        self._drawn: list[Pose2] = [STANDING]
-        """``map_from_local`` of each submap as the navigation grid shows it."""
-        self._drawings: list[_Drawing] = []
-        self._redrawing: Iterator[OccupancyGrid | None] | None = None
-        self._redrawn: list[Pose2] = []
-        """The same as the grid shows it that is being drawn."""
-        self._seen_corrections = 0
+
+    @property
+    def navigation_grid(self) -> OccupancyGrid:
+        """The navigation grid; after a correction it is another one."""
+        return self._map.grid
 
     def correct(self, map_correction: Pose2) -> None:
         """Take over that the map about the robot has moved.
@@ -150,8 +135,7 @@ class Slam:
             map_correction: Transform from where a point of the map was to where it is now.
         """
         self._graph.correct(map_correction)
-        self._drawn = [compose(map_correction, one) for one in self._drawn]
-        self._redrawing = None
+        self._map.correct(map_correction)
         self._take_correction(map_correction)
 
     def _take_correction(self, map_correction: Pose2) -> None:
@@ -207,12 +191,13 @@ class Slam:
             return compose(self.map_from_odom, percept.odom_from_base), 1.0
         graph = self._graph
         graph.update(percept.level, percept.odom_from_base)
-        for transforms in (self._drawn, self._redrawn):
-            while transforms and len(transforms) < len(graph.store.submaps):
-                transforms.append(transforms[graph.place.submap])
+        place, drawn = graph.place, self._map
+        drawn.take_submaps(graph.store, place.submap)
+        correction = drawn.step(graph.store, graph.back_end.num_optimised, place)
+        if correction is not None:
+            self._take_correction(correction)
         alignment = None if graph.tracked is None else graph.tracked.alignment
-        self._redraw()
-        pose = compose(self._drawn[graph.place.submap], graph.place.local_from_base)
+        pose = drawn.map_from_base(place)
         if alignment is not None or self.map_from_odom is None:
             self.map_from_odom = compose(pose, inverse(percept.odom_from_base))
         return pose, 1.0 if alignment is None else alignment.quality
@@ -223,49 +208,8 @@ class Slam:
         if self.config.localisation == "slam" and tracked is not None and tracked.keyframe is not None:
             ends, grazed = self._ends_in_base[:num_ends].astype(np.float32), self._grazed[:num_ends].astype(np.float32)
             lidar = float(origin[0]), float(origin[1])
-            self._drawings.append(_Drawing(self._graph.place, ends, num_hits, grazed, lidar))
-
-    def _redraw(self) -> None:
-        """Go on drawing the map anew; begin if the submaps have moved; swap when it is done."""
-        store = self._graph.store
-        if self._redrawing is None:
-            if self._seen_corrections == self._graph.back_end.num_optimised:
-                return
-            self._seen_corrections = self._graph.back_end.num_optimised
-            if not any(self._has_moved(k) for k in range(len(store.submaps))):
-                return
-            self._redrawn = [submap.map_from_local for submap in store.submaps]
-            self._redrawing = self._draw_anew()
-        grid = next(self._redrawing)
-        if grid is not None:
-            self._redrawing = None
-            submap = self._graph.place.submap
-            self._take_correction(compose(self._redrawn[submap], inverse(self._drawn[submap])))
-            self.navigation_grid, self._drawn = grid, self._redrawn
-
-    def _has_moved(self, k: int) -> bool:
-        """Whether a submap is elsewhere than the navigation grid shows it."""
-        submap = self._graph.store.submaps[k]
-        drawn, now = compose(self._drawn[k], submap.node), compose(submap.map_from_local, submap.node)
-        shift = self.config.redraw_shift
-        return distance(drawn, now) > shift or abs(wrap_angle(now.yaw - drawn.yaw)) * TURN_LEVER > shift
-
-    def _draw_anew(self) -> Iterator[OccupancyGrid | None]:
-        """Draw the scans of the past, some at a time, those that come meanwhile, too; the grid at the end."""
-        grid = OccupancyGrid(self.config.navigation_grid, (self._map_from_base.x, self._map_from_base.y))
-        done = 0
-        while done < len(self._drawings):
-            for drawing in self._drawings[done : done + self.config.redraw_scans]:
-                pose = compose(self._redrawn[drawing.place.submap], drawing.place.local_from_base)
-                ends = transform_points(pose, drawing.ends.astype(np.float64))
-                x, y = transform_points(pose, np.array([drawing.origin]))[0]
-                both = np.vstack([ends, [[x, y]]])
-                box = np.concatenate([both.min(axis=0), both.max(axis=0)])
-                lidar = Pose2(float(x), float(y), pose.yaw)
-                grid.insert(lidar, ends, drawing.num_hits, drawing.grazed.astype(np.float64), box)
-            done += self.config.redraw_scans
-            yield None
-        yield grid
+            scan = self.navigation_grid.scan_index
+            self._map.drawings.append(Drawing(self._graph.place, scan, ends, num_hits, grazed, lidar))
 
     def _stay(self) -> SlamEstimate:
         """The present estimate, without a scan."""
