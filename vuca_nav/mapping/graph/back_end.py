@@ -47,9 +47,9 @@ class BackEndConfig:
     """A closure that moves the map by more than this [m], or than the graph's uncertainty allows ..."""
     turn_lever: float = 5.0
     """... with a turn counted as a shift at this distance [m] ..."""
-    agree_position: float = 0.1
-    """... waits until another one, from another place, agrees with it to this [m] ..."""
-    agree_yaw: float = 0.03
+    agree_position: float = 0.05
+    """... waits until another one, of other returns, agrees with it to this [m] ..."""
+    agree_yaw: float = 0.015
     """... and this [rad] ..."""
     patience: int = 40
     """... for so many keyframes; then it is forgotten."""
@@ -206,9 +206,9 @@ class BackEnd:
         return math.hypot(off.x, off.y) < self.config.agree_position and abs(off.yaw) < self.config.agree_yaw
 
     def _agree(self, proposal: "_Proposal", other: "_Proposal") -> bool:
-        """Whether two closures at different places move the map alike."""
+        """Whether two closures that share no returns move the map alike."""
         apart = proposal.keyframe - other.keyframe
-        return 0 < apart <= self.config.patience and self._is_near(
+        return self.config.closure.bundle <= apart <= self.config.patience and self._is_near(
             compose(proposal.correction, proposal.map_from_base), compose(other.correction, proposal.map_from_base)
         )
 

@@ -38,9 +38,9 @@ class ClosureConfig:
     """Share of the returns that must lie on the submap's surfaces after refinement."""
     most_contradicted: float = 0.1
     """Share of the returns that may lie where the submap is surely free."""
-    apart: float = 0.15
+    apart: float = 0.03
     """Where the search has found a place so far from where the robot should be [m] ..."""
-    apart_yaw: float = 0.05
+    apart_yaw: float = 0.01
     """... or this [rad], both are refined, and the better fit wins."""
     position_floor: float = 0.01
     """Deviation of a closure however many returns it rests on [m]."""
