@@ -50,6 +50,17 @@ def test_a_large_grid_grows_seldom():
     assert len(shapes) <= 8
 
 
+def test_a_nearly_full_grid_grows_by_what_it_takes():
+    """By a block, where a quarter of its side would be more than it may have."""
+    grid = OccupancyGrid(GridConfig(block=2.0))
+    assert grid.cover(0.0, 0.0, 40.0, 1.0)
+    (rows, columns), block = grid.level.shape, 40
+    full = OccupancyGrid(GridConfig(block=2.0, most_cells=rows * (columns + block)))
+    assert full.cover(0.0, 0.0, 40.0, 1.0)
+    assert full.cover(0.0, 0.0, full.origin[0] + columns * full.resolution, 1.0)
+    assert full.level.shape == (rows, columns + block)
+
+
 def test_the_bound_is_below_a_gigabyte_for_both_grids():
     cells = OccupancyGrid(GridConfig()).level.size
     surfaces = SurfaceGrid(GridConfig())
