@@ -43,7 +43,9 @@ class FrontEndConfig:
     """Length of a stretch over which odometry is compared with matches [m]: wheels slip alike over about as much, and
     over less they would seem too good ..."""
     lesson_turn: float = 1.0
-    """... or its turning [rad]."""
+    """... or its turning [rad] ..."""
+    longest_lesson: float = 10.0
+    """... and up to this, until odometry errs by more than the matches: else it could not be told [m or rad]."""
     lesson_off: float = 0.1
     """A match that the returns alone would move by more than this teaches nothing [m]."""
     drift_factor: float = 9.0
@@ -181,14 +183,14 @@ class FrontEnd:
         With the pull of the prediction matches would confirm odometry, and the more so the more it is trusted.
         """
         c, lesson = self.config, self._lesson
-        if lesson is not None and lesson.way < c.lesson_way and lesson.turn < c.lesson_turn:
+        if lesson is not None and not self._is_over(lesson):
             return
         grid, here = self.store.submaps[self.active].grid, self.local_from_base
         assert grid is not None  # the active submap is never finished
         match = self._aligner.refine(grid.surface, here, returns.points, returns.normals, here, Spread(1.0, 1.0))
         off = between(here, match.pose)
         self._lesson = None
-        if match.quality < c.good or math.hypot(off.x, off.y) > c.lesson_off:
+        if match.is_degenerate or match.quality < c.good or math.hypot(off.x, off.y) > c.lesson_off:
             return
         noise = self._noise_of(match)
         if lesson is not None:
@@ -200,11 +202,18 @@ class FrontEnd:
             )
         self._lesson = _Lesson(match.pose, noise)
 
+    def _is_over(self, lesson: _Lesson) -> bool:
+        """Whether odometry may have erred by more than the matches at both ends of the stretch."""
+        c = self.config
+        if lesson.way < c.lesson_way and lesson.turn < c.lesson_turn:
+            return False
+        position, yaw = self.model.variances(lesson.way, lesson.turn)
+        can_tell = position > 2.0 * lesson.noise[0] and yaw > 2.0 * lesson.noise[1]
+        return can_tell or lesson.way > c.longest_lesson or lesson.turn > c.longest_lesson
+
     def _noise_of(self, match: Alignment) -> tuple[float, float]:
         """Variances of position, along an axis, and of yaw of a match without a pull."""
         c = self.config
-        if match.is_degenerate:
-            return math.inf, math.inf
         covariance = np.linalg.inv(match.information) * (c.drift_factor * c.alignment.return_deviation**2)
         return 0.5 * float(covariance[0, 0] + covariance[1, 1]), float(covariance[2, 2])
 

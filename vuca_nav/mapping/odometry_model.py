@@ -14,6 +14,8 @@ from vuca_nav.types import Pose2
 
 FORGETTING, SIGNIFICANT = 0.998, 3.0
 """Share that an error of scale keeps from one motion to the next; deviations from which on it is one and no chance."""
+FEWEST = 6.0
+"""Least number of motions for that."""
 NARROWEST, WIDEST = 0.8, 1.25
 """Scales stay between these: an odometer that is farther off errs in other ways."""
 
@@ -31,7 +33,7 @@ class OdometryModelConfig:
     yaw_per_radian: float = 2.7e-3
     """Variance of the yaw [rad^2 / rad]: 3 degrees after a radian."""
     rate: float = 0.1
-    """Share by which one motion may change the rates."""
+    """Least share by which one motion may change the rates."""
     most: float = 9.0
     """A residual beyond three deviations counts as one of three: slips must not spoil the rates."""
 
@@ -48,26 +50,61 @@ class Motion(NamedTuple):
 
 
 class _Scale:
-    """Factor on odometry's ways or turns; 1 until an error of scale is beyond doubt."""
+    """Factor on odometry's ways or turns: slope of a line through the origin, 1 until another one is beyond doubt."""
 
     def __init__(self):
         self.factor = 1.0
-        self._information, self._scaled = 0.0, 0.0
+        self._count = self._oo = self._om = self._mm = 0.0
 
-    def learn(self, ahead: float, length: float, variance: float) -> None:
-        """Take in a motion.
+    def learn(self, by_odometry: float, by_match: float, noise: float) -> None:
+        """Take in a motion [m or rad].
 
         Args:
-            ahead: How far the scaled odometry was ahead of the matches [m or rad].
-            length: The motion by the matches, with its sign.
-            variance: Variance that ``ahead`` would have without an error of scale.
+            by_odometry: The motion by the scaled odometry.
+            by_match: The same by the matches.
+            noise: Variance of the matches.
         """
-        self._information = FORGETTING * self._information + length * length / variance
-        self._scaled = FORGETTING * self._scaled + self.factor * length * (length - ahead) / variance
-        if self._information > 0.0:
-            scale = self._scaled / self._information
-            is_sure = abs(scale - 1.0) * math.sqrt(self._information) > SIGNIFICANT
-            self.factor = min(max(scale, NARROWEST), WIDEST) if is_sure else 1.0
+        raw = by_odometry / self.factor
+        self._count = FORGETTING * self._count + 1.0
+        self._oo = FORGETTING * self._oo + raw * raw / noise
+        self._om = FORGETTING * self._om + raw * by_match / noise
+        self._mm = FORGETTING * self._mm + by_match * by_match / noise
+        if self._count < FEWEST or self._oo <= 0.0:
+            return
+        scale = self._om / self._oo
+        scatter = max((self._mm - scale * self._om) / (self._count - 1.0), 1.0)  # in variances of the matches
+        is_sure = abs(scale - 1.0) > SIGNIFICANT * math.sqrt(scatter / self._oo)
+        self.factor = min(max(scale, NARROWEST), WIDEST) if is_sure else 1.0
+
+
+class _Rates:
+    """Variance of one kind of error for each metre and for each radian."""
+
+    def __init__(self, per_metre: float, per_radian: float):
+        self.values = [per_metre, per_radian]
+        self._num_learnt = 0
+
+    def variance(self, way: float, turn: float) -> float:
+        """Variance after a motion."""
+        return self.values[0] * way + self.values[1] * turn
+
+    def learn(self, way: float, turn: float, squared: float, noise: float, config: OdometryModelConfig) -> None:
+        """Scale each rate by its part in what was expected, towards what was seen: the first ones count for more.
+
+        Args:
+            way: Length of the way [m].
+            turn: Sum of the turning [rad].
+            squared: Squared error that was seen.
+            noise: Variance of what it was measured by.
+            config: Settings.
+        """
+        self._num_learnt += 1
+        gain = max(config.rate, 1.0 / (1.0 + self._num_learnt))
+        total = self.variance(way, turn) + noise
+        surprise = min(squared / total, config.most) - 1.0
+        for k, amount in enumerate((way, turn)):
+            share = self.values[k] * amount / total
+            self.values[k] = max(self.values[k] * (1.0 + gain * surprise * share), 1e-9)
 
 
 class OdometryModel:
@@ -80,14 +117,14 @@ class OdometryModel:
     def reset(self) -> None:
         """Forget what has been learnt."""
         c = self.config
-        self._position = [c.position_per_metre, c.position_per_radian]
-        self._yaw = [c.yaw_per_metre, c.yaw_per_radian]
+        self._position = _Rates(c.position_per_metre, c.position_per_radian)
+        self._yaw = _Rates(c.yaw_per_metre, c.yaw_per_radian)
         self._way_scale, self._turn_scale = _Scale(), _Scale()
 
     @property
     def rates(self) -> tuple[float, float, float, float]:
         """Variances of position per metre and radian, of yaw per metre and radian."""
-        return (self._position[0], self._position[1], self._yaw[0], self._yaw[1])
+        return (self._position.values[0], self._position.values[1], self._yaw.values[0], self._yaw.values[1])
 
     def variances(self, way: float, turn: float) -> tuple[float, float]:
         """Variances of position and yaw after a motion.
@@ -96,10 +133,7 @@ class OdometryModel:
             way: Length of the way [m].
             turn: Sum of the turning, whichever way [rad].
         """
-        return (
-            self._position[0] * way + self._position[1] * turn,
-            self._yaw[0] * way + self._yaw[1] * turn,
-        )
+        return self._position.variance(way, turn), self._yaw.variance(way, turn)
 
     def spread(self, way: float, turn: float) -> Spread:
         """Standard deviations after a motion; arguments as of ``variances``."""
@@ -123,22 +157,12 @@ class OdometryModel:
         position, yaw = self.variances(way, turn)
         if noise[0] < position:
             length = math.hypot(by_match.x, by_match.y)
-            variance = 2.0 * (position + noise[0])  # if all of it is along the way
-            if length > 0.0 and residual.x**2 + residual.y**2 < c.most * variance:
-                self._way_scale.learn((residual.x * by_match.x + residual.y * by_match.y) / length, length, variance)
+            if length > 0.0 and residual.x**2 + residual.y**2 < 2.0 * c.most * (position + noise[0]):
+                ahead = (residual.x * by_match.x + residual.y * by_match.y) / length
+                self._way_scale.learn(length + ahead, length, noise[0])
             seen = 0.5 * (residual.x * residual.x + residual.y * residual.y)
-            _scale(self._position, (way, turn), seen, position, noise[0], c)
+            self._position.learn(way, turn, seen, noise[0], c)
         if noise[1] < yaw:
             if residual.yaw**2 < c.most * (yaw + noise[1]):
-                self._turn_scale.learn(residual.yaw, by_match.yaw, yaw + noise[1])
-            _scale(self._yaw, (way, turn), residual.yaw * residual.yaw, yaw, noise[1], c)
-
-
-def _scale(rates: list[float], motion: tuple[float, float], seen: float, expected: float, noise: float, c) -> None:
-    """Scale each rate by its part in what was expected, towards what was seen."""
-    total = expected + noise
-    if total <= 0.0:
-        return
-    surprise = min(seen / total, c.most) - 1.0
-    for k in range(2):
-        rates[k] = max(rates[k] * (1.0 + c.rate * surprise * rates[k] * motion[k] / total), 1e-9)
+                self._turn_scale.learn(by_match.yaw + residual.yaw, by_match.yaw, noise[1])
+            self._yaw.learn(way, turn, residual.yaw * residual.yaw, noise[1], c)
