@@ -204,6 +204,15 @@ class Simulation:
         self._telemetry.time(self.time)
         return self._observe()
 
+    def clearance_at(self, world_from_base: Pose2) -> float:
+        """Distance of the footprint to the nearest obstacle or mover, were the robot at a pose [m]."""
+        return self._proximity.distance(*world_from_base, self._movers.part_poses)
+
+    def carry_to(self, world_from_base: Pose2) -> None:
+        """Put the robot somewhere else, as a person would who lifts it: its odometry does not notice."""
+        place_planar(self._base_qpos, self._base_qvel, *world_from_base)
+        mujoco.mj_forward(self.model, self.data)
+
     def copy_scene(self, data: mujoco.MjData) -> None:
         """Write the robot in the scene as it is now into a state of ``scene_model``, for pictures."""
         self._physics.copy_scene(data, self._movers.part_poses)

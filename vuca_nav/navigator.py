@@ -13,11 +13,14 @@ from vuca_nav.footprint import ROOM, cover_by_discs, half_way
 from vuca_nav.geometry import compose, distance, transform_points
 from vuca_nav.mapping.grid import OccupancyGrid
 from vuca_nav.mapping.slam import Slam, SlamConfig, SlamEstimate
+from vuca_nav.mapping.tracking import Tracking
 from vuca_nav.perception.percept import MOVERS_NEAR, Percept
 from vuca_nav.perception.perception import Perception, PerceptionConfig
 from vuca_nav.perception.readings import FARTHEST
+from vuca_nav.perception.ring import ring_of
 from vuca_nav.perception.standing_map import StandingMap
 from vuca_nav.planning.costmap import CostmapConfig
+from vuca_nav.planning.looking import Looking
 from vuca_nav.planning.planner import Planner, no_plan, straight_plan
 from vuca_nav.planning.survey import Survey
 from vuca_nav.policy.base import LocalGoal, LocalPolicy
@@ -70,6 +73,8 @@ class NavigatorConfig:
     """Width by which narrow ways may be wider than the one that the robot has hovered before [m]."""
     narrow_reach: float = 2.0
     """Distance from the robot within which a narrow path counts [m]."""
+    weak_speed: float = 0.5
+    """Share of the commanded velocity that is driven while tracking is weak."""
     direct: bool = False
     """Whether the local policy heads for the goal itself: nothing is explored, and no path is planned."""
     perception: PerceptionConfig = field(default_factory=PerceptionConfig)
@@ -133,6 +138,7 @@ class Navigator(Stack):
         self.explorer = Explorer(config.explorer, critic, telemetry)
         self.planner = Planner(telemetry)
         self.recovery = Recovery(config.recovery or NO_RECOVERY, 1.0 / config.trigger_rate)
+        self._looking = Looking(ring_of(lidar, config.rate), config.rate)
         self.policy = policy
         self._planning_ticks = config.ticks(config.planning_rate)
         self._exploration_ticks = config.ticks(config.exploration_rate)
@@ -169,6 +175,8 @@ class Navigator(Stack):
         """Percept of the last tick."""
         self._tick = 0
         self._is_faulty, self._is_map_full = False, False
+        self._tracking: Tracking = "tracked"
+        self._looking.reset()
         self.head_for(goal)
 
     def head_for(self, goal: tuple[float, float] | None) -> None:
@@ -215,7 +223,7 @@ class Navigator(Stack):
         if percept.is_new:
             self.telemetry.scan(percept.scan, estimate.points_in_map)
         self._report(percept, estimate)
-        if self.goal is None:
+        if self.goal is None or estimate.tracking == "lost":
             self._show_plan(estimate)
             return self._act(percept, estimate)
         if self.config.direct:
@@ -242,20 +250,44 @@ class Navigator(Stack):
 
     def _act(self, percept: Percept, estimate: SlamEstimate) -> VelocityCommand:
         """Ask the lower layer, and end the tick."""
-        command = self.policy.command(percept, self._local_goal(percept, estimate.map_from_base))
+        if estimate.tracking == "lost":
+            goal = self._looking.goal(percept) if estimate.must_look and self.goal and percept.is_valid else None
+        else:
+            goal = self._local_goal(percept, estimate.map_from_base)
+        command = self.policy.command(percept, goal)
+        if estimate.tracking != "tracked":
+            command = VelocityCommand(*(self.config.weak_speed * part for part in command))
         self.telemetry.command(command)
         self._tick += 1
         return command
 
     def _report(self, percept: Percept, estimate: SlamEstimate) -> None:
-        """Report faults of the sensors as they begin and end, and once that the map is full."""
+        """Report faults of the sensors and of localisation as they begin and end, and once that the map is full."""
         is_faulty = percept.fault is not None
         if is_faulty != self._is_faulty:
             self.telemetry.event(f"the robot stands: {percept.fault}" if is_faulty else "the sensors are valid", "WARN")
         self._is_faulty = is_faulty
+        if estimate.tracking != self._tracking:
+            self._take_tracking(estimate)
         if not estimate.is_mapped and not self._is_map_full:
             self._is_map_full = True
             self.telemetry.event("the map has its greatest size: scans that reach beyond are not mapped", "WARN")
+
+    def _take_tracking(self, estimate: SlamEstimate) -> None:
+        """Say how well the robot knows where it is; plan anew where it has been found again."""
+        before, self._tracking = self._tracking, estimate.tracking
+        if estimate.tracking == "lost":
+            self.telemetry.event("the robot does not know where it is: it stands and looks", "WARN")
+        elif before == "lost":
+            x, y, _ = estimate.map_from_base
+            self.telemetry.event(f"the robot has been found again at ({x:.1f}, {y:.1f})")
+            self.plan = no_plan(estimate.map_from_base)
+            self._moved_from, self._moved_tick = estimate.map_from_base, self._tick
+            self._is_goal_new = True
+            self._looking.reset()
+            self.recovery.reset()
+        elif estimate.tracking == "weak":
+            self.telemetry.event("scans contradict the map: slower, and by odometry", "WARN")
 
     def _follow(self, map_correction: Pose2) -> None:
         """Move everything that is remembered in the map along with it."""
@@ -284,7 +316,7 @@ class Navigator(Stack):
     def _recover(self, percept: Percept, estimate: SlamEstimate) -> str | None:
         """Watch the progress, and say what is tried where there is none; cause for the explorer to choose anew."""
         place = estimate.map_from_base[:2]
-        if self.arrived or not percept.is_valid:
+        if self.arrived or not percept.is_valid or estimate.tracking == "lost":
             return None
         rung = self.recovery.update(percept.stamp, place, self.plan, percept.moves_within(MOVERS_NEAR))
         if rung is None:

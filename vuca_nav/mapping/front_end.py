@@ -31,8 +31,12 @@ class FrontEndConfig:
     """Keyframes of a submap; the next one begins in its middle."""
     good: float = 0.6
     """Quality from which on a match may teach the odometry model."""
+    doubted: float = 0.85
+    """Quality below which a wider search is made: wheels may slip, and odometry may stop coming."""
     lost: float = 0.5
-    """Quality below which a wider search is made."""
+    """Quality below which a match farther from the prediction than odometry may err is none."""
+    maps: float = 0.6
+    """Quality below which a scan is not drawn: it would spoil the map if the pose is wrong."""
     wide_position: float = 0.12
     """Spread of the wider search [m]."""
     wide_yaw: float = 0.1
@@ -152,13 +156,67 @@ class FrontEnd:
             self._unmatched = [0.0, 0.0]
         keyframe = None
         last, here = self._at_keyframe, self.local_from_base
-        if len(returns.points) and (
+        may_draw = alignment is not None and alignment.quality >= self.config.maps
+        if may_draw and (
             math.hypot(here.x - last.x, here.y - last.y) > self.config.keyframe_distance
             or abs(wrap_angle(here.yaw - last.yaw)) > self.config.keyframe_angle
         ):
             self._learn(returns)
             keyframe = self._keep(returns)
         return Tracked(here, alignment, keyframe)
+
+    def move(self, motion: Pose2) -> Tracked:
+        """Go on by odometry alone: nothing is matched, nothing is drawn.
+
+        Args:
+            motion: Motion since the last scan by odometry.
+        """
+        motion = self.model.corrected(motion)
+        self._unmatched[0] += math.hypot(motion.x, motion.y)
+        self._unmatched[1] += abs(motion.yaw)
+        self.local_from_base = compose(self.local_from_base, motion)
+        return Tracked(self.local_from_base, None, None)
+
+    def match_here(self, returns: Returns) -> Alignment:
+        """The match where the robot is by odometry; nothing is changed by it."""
+        grid = self.store.submaps[self.active].grid
+        assert grid is not None  # the active submap is never finished
+        spread = self.model.spread(*self._unmatched)
+        return self._aligner.align(grid.surface, self.local_from_base, spread, returns.points, returns.normals)
+
+    def go_on_at(self, local_from_base: Pose2) -> None:
+        """Go on in the same submap, at a pose that a match has confirmed."""
+        self.local_from_base = local_from_base
+        self._unmatched = [0.0, 0.0]
+        self._lesson = None
+        self._leave_keyframe()
+
+    def go_on_in(self, number: int, local_from_base: Pose2, covariance: FloatArray) -> None:
+        """Go on in a submap where the robot has been found again.
+
+        What was being drawn is finished, and a submap begins with what the old one holds.
+
+        Args:
+            number: The old submap's number.
+            local_from_base: Where the robot is in it.
+            covariance: (3, 3) of that, in the local frame's axes [m, rad].
+        """
+        store = self.store
+        self.go_on_at(local_from_base)
+        if self._is_given:
+            return
+        old = store.submaps[number]
+        grid = SurfaceGrid(self.config.grid, local_from_base[:2])
+        grid.unpack(store.surfaces_of(number))
+        for submap in store.submaps[-2:]:
+            if submap.grid is not None:
+                submap.packed, submap.grid = submap.grid.pack(), None
+        store.continuous_from = len(store.keyframes)
+        fresh = Submap(grid, local_from_base, covariance, len(store.keyframes), number)
+        fresh.map_from_local = old.map_from_local
+        store.submaps.append(fresh)
+        self.active = len(store.submaps) - 1
+        self._drift = np.zeros((3, 3))
 
     def _align(self, returns: Returns, predicted: Pose2) -> Alignment | None:
         """Match a scan; None if its returns contradict the map wherever odometry may have brought the robot."""
@@ -167,7 +225,7 @@ class FrontEnd:
         surface = grid.surface
         spread = self.model.spread(*self._unmatched)
         near = self._aligner.align(surface, predicted, spread, returns.points, returns.normals)
-        if near.quality >= c.lost:
+        if near.quality >= c.doubted:
             return near
         wide = spread._replace(position=max(spread.position, c.wide_position), yaw=max(spread.yaw, c.wide_yaw))
         far = self._aligner.align(surface, predicted, wide, returns.points, returns.normals)
@@ -221,7 +279,8 @@ class FrontEnd:
         """Make the scan a keyframe, in the submap that is matched and in the one that begins."""
         c, store, here = self.config, self.store, self.local_from_base
         if self._is_given:
-            return self._keep_in_given(returns)
+            self._keep_in_given(returns)
+            return None
         self._drift = self._drifted()
         keyframe = keyframe_of(returns, here, max(self.active, 0))
         store.keyframes.append(keyframe)
@@ -232,6 +291,8 @@ class FrontEnd:
             if submap.grid is not None and insert_scan(submap.grid, here, keyframe):
                 submap.num_keyframes += 1
         self.active = max(len(store.submaps) - 2, 0)
+        if store.submaps[self.active].grid is None:  # it was left when the robot was lost
+            self.active += 1
         self._leave_keyframe()
         return keyframe
 
@@ -259,7 +320,7 @@ class FrontEnd:
         else:
             finished.packed = grid.pack()
             grid.clear(here[:2])
-        submap = Submap(grid, here, self._drift, first_keyframe)
+        submap = Submap(grid, here, self._drift, first_keyframe, len(store.submaps) - 1)
         submap.map_from_local = store.submaps[self.active].map_from_local if store.submaps else store.map_from_local
         store.submaps.append(submap)
         self._drift = np.zeros((3, 3))

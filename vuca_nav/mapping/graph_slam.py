@@ -10,8 +10,10 @@ from vuca_nav.mapping.front_end import FrontEnd, FrontEndConfig, Tracked
 from vuca_nav.mapping.graph.back_end import BackEnd, BackEndConfig
 from vuca_nav.mapping.graph.loop_closure import warm_up
 from vuca_nav.mapping.grid import OccupancyGrid
-from vuca_nav.mapping.returns import ReturnReader
+from vuca_nav.mapping.relocalisation import RelocalisationConfig, Relocaliser
+from vuca_nav.mapping.returns import ReturnReader, Returns
 from vuca_nav.mapping.submaps import SubmapStore
+from vuca_nav.mapping.tracking import Tracking, TrackingConfig, TrackingMonitor
 from vuca_nav.perception.percept import LevelScan
 from vuca_nav.types import STANDING, LidarSpec, Pose2
 
@@ -28,6 +30,8 @@ class GraphSlamConfig:
     """Slices of the back end's work that are done after a scan."""
     front_end: FrontEndConfig = field(default_factory=FrontEndConfig)
     back_end: BackEndConfig = field(default_factory=BackEndConfig)
+    tracking: TrackingConfig = field(default_factory=TrackingConfig)
+    relocalisation: RelocalisationConfig = field(default_factory=RelocalisationConfig)
 
 
 class Anchored(NamedTuple):
@@ -49,12 +53,16 @@ class GraphSlam:
         back_end: The back end, with the pose graph.
         tracked: What the front end found at the last scan; None before the first.
         place: The last scan's pose.
+        tracking: Whether that is to be trusted.
+        num_found: Number of times that the robot had been lost and was found again.
     """
 
     def __init__(self, lidar: LidarSpec, config: GraphSlamConfig = GraphSlamConfig()):
         self.config = config
         self._reader = ReturnReader(lidar, config.reach, config.surface_thickness)
         self.front_end = FrontEnd(lidar.num_beams, config.front_end)
+        self._monitor = TrackingMonitor(lidar, config.tracking)
+        self._relocaliser = Relocaliser(config.front_end.alignment, lidar, config.relocalisation)
         warm_up(config.front_end.alignment)
         self.reset(STANDING)
 
@@ -70,6 +78,11 @@ class GraphSlam:
         self.back_end = BackEnd(self.store, self.config.front_end.alignment, self.config.back_end)
         self.tracked: Tracked | None = None
         self.place = Anchored(0, start)
+        self.tracking: Tracking = "tracked"
+        self._may_recover = True
+        self.num_found = 0
+        self._monitor.reset()
+        self._relocaliser.begin()
         self._odom_from_base: Pose2 | None = None
         self._waiting: deque[int] = deque()
         self._work: Iterator[None] | None = None
@@ -92,14 +105,69 @@ class GraphSlam:
         """
         last, self._odom_from_base = self._odom_from_base, odom_from_base
         motion = STANDING if last is None else between(last, odom_from_base)
-        submap = max(self.front_end.active, 0)
-        self.tracked = self.front_end.track(self._reader.read(level), motion)
-        self.place = Anchored(submap, self.tracked.local_from_base)
-        if self.tracked.keyframe is not None:
+        returns = self._reader.read(level)
+        has_jumped = self._monitor.has_jumped(level, motion)
+        if has_jumped or self.tracking == "lost":
+            if has_jumped:
+                self._relocaliser.begin()
+            self.tracking = "lost"
+            self._find(returns, motion)
+        else:
+            self._track(returns, motion)
+        if self.tracked is not None and self.tracked.keyframe is not None:
             self._waiting.append(len(self.store.keyframes) - 1)
         for _ in range(self.config.slices):
             self._do_slice()
         return compose(self.map_from_local, self.place.local_from_base)
+
+    def doubt(self) -> None:
+        """Take the robot for lost: odometry has broken off, and nobody knows how far it has moved."""
+        self.tracking, self._may_recover = "lost", False
+        self._relocaliser.begin()
+
+    @property
+    def must_look(self) -> bool:
+        """Whether the robot is lost and has to go somewhere else to be found."""
+        return self.tracking == "lost" and self._relocaliser.is_ambiguous
+
+    def _track(self, returns: Returns, motion: Pose2) -> None:
+        submap = max(self.front_end.active, 0)
+        is_first = not self.store.submaps
+        self.tracked = self.front_end.track(returns, motion)
+        self.place = Anchored(submap, self.tracked.local_from_base)
+        if len(returns.points) and not is_first:
+            self.tracking = self._monitor.update(self.tracked.alignment)
+            if self.tracking == "lost":
+                self._relocaliser.begin()
+
+    def _find(self, returns: Returns, motion: Pose2) -> None:
+        """Look for the lost robot; go on where it is found."""
+        submap = max(self.front_end.active, 0)
+        self.tracked = self.front_end.move(motion)
+        self.place = Anchored(submap, self.tracked.local_from_base)
+        if not self.store.submaps:
+            return
+        if self._may_recover and len(returns.points):
+            alignment = self.front_end.match_here(returns)
+            if self._monitor.recovers(alignment):
+                self.front_end.go_on_at(alignment.pose)
+                self.tracked = Tracked(alignment.pose, alignment, None)
+                self.place = Anchored(submap, alignment.pose)
+                self._end_search()
+                return
+        here = self.place.map_from_base(self.store)
+        found = self._relocaliser.update(self.store, returns, motion, here)
+        if found is None:
+            return
+        self.front_end.go_on_in(found.submap, found.local_from_base, found.covariance)
+        self.place = Anchored(max(self.front_end.active, 0), found.local_from_base)
+        self._end_search()
+        self.num_found += 1
+
+    def _end_search(self) -> None:
+        self._relocaliser.begin()
+        self._monitor.reset()
+        self.tracking, self._may_recover = "tracked", True
 
     def _do_slice(self) -> None:
         while self._work is not None or self._waiting:

@@ -69,11 +69,12 @@ class DrawnMap:
         """Where a pose is in the map as it is drawn."""
         return compose(self._drawn[place.submap], place.local_from_base)
 
-    def take_submaps(self, store: SubmapStore, active: int) -> None:
-        """Show new submaps where the active one is shown."""
+    def take_submaps(self, store: SubmapStore) -> None:
+        """Show new submaps where those are shown that the robot came from."""
         for transforms in (self._drawn, self._redrawn):
             while transforms and len(transforms) < len(store.submaps):
-                transforms.append(transforms[active])
+                previous = store.submaps[len(transforms)].previous
+                transforms.append(transforms[max(previous, 0)])
 
     def correct(self, map_correction: Pose2) -> None:
         """Take over that the submaps have been moved by someone who has drawn the grid anew."""

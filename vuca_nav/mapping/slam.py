@@ -13,11 +13,12 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from vuca_nav.errors import BadArgument
-from vuca_nav.geometry import compose, inverse
+from vuca_nav.geometry import compose, distance, inverse
 from vuca_nav.kernel_cache import njit
 from vuca_nav.mapping.graph_slam import GraphSlam, GraphSlamConfig
 from vuca_nav.mapping.grid import GridConfig, OccupancyGrid
 from vuca_nav.mapping.redraw import Drawing, DrawnMap, RedrawRule
+from vuca_nav.mapping.tracking import Tracking
 from vuca_nav.perception.percept import Percept
 from vuca_nav.perception.readings import FARTHEST
 from vuca_nav.types import STANDING, FloatArray, LidarSpec, Pose2
@@ -66,6 +67,10 @@ class SlamEstimate:
     """The navigation grid after this scan; later scans change it."""
     is_mapped: bool = True
     """False if the scan reaches beyond the greatest size of a map: it has not been written into it."""
+    tracking: Tracking = "tracked"
+    """Whether the pose is to be trusted. While it is weak the robot has to slow down, while it is lost to stop."""
+    must_look: bool = False
+    """Whether the robot is lost and will not be found where it is: it has to go and look."""
 
 
 class _BeamRule(NamedTuple):
@@ -119,6 +124,19 @@ class Slam:
         """The correction; None before the first scan, which is taken at ``start``."""
         self._map_from_base = start
         self._correction = STANDING
+        self._seen_from, self._seen_within = STANDING, math.inf
+        """Where the last returns were seen from by odometry, and how far away half of them were [m]."""
+        self._is_blind = False
+
+    @property
+    def tracking(self) -> Tracking:
+        """Whether the pose is to be trusted."""
+        return "lost" if self._is_blind else self._graph.tracking
+
+    @property
+    def must_look(self) -> bool:
+        """Whether the robot is lost and will not be found where it is."""
+        return not self._is_blind and self._graph.must_look
 
     @property
     def navigation_grid(self) -> OccupancyGrid:
@@ -159,6 +177,8 @@ class Slam:
                 f"the percept is of {len(percept.level.ranges)} beams, SLAM's lidar has {self.lidar.num_beams}: give "
                 "both the same LidarSpec"
             )
+        if percept.odometry_has_jumped and self.config.localisation == "slam" and self.map_from_odom is not None:
+            self._graph.doubt()
         if not (percept.odometry_is_known and math.isfinite(sum(percept.odom_from_base))):
             return self._stay()
         if not percept.is_new:
@@ -173,13 +193,23 @@ class Slam:
             map_from_lidar = compose(pose, Pose2(float(level.origin[0]), float(level.origin[1]), 0.0))
         _to_map(pose, map_from_lidar, ends_in_base[:num_ends], self._ends_in_map, self._box)
         ends_in_map = self._ends_in_map[:num_ends]
-        is_mapped = self.navigation_grid.insert(map_from_lidar, ends_in_map, num_hits, self._grazed, self._box)
+        is_mapped = True
+        if self._may_draw(percept, score):
+            is_mapped = self.navigation_grid.insert(map_from_lidar, ends_in_map, num_hits, self._grazed, self._box)
         self._remember(num_hits, num_ends, level.origin)
         self._map_from_base = pose
         correction, self._correction = self._correction, STANDING
         assert self.map_from_odom is not None
         return SlamEstimate(
-            pose, self.map_from_odom, correction, score, ends_in_map[:num_returns], self.navigation_grid, is_mapped
+            pose,
+            self.map_from_odom,
+            correction,
+            score,
+            ends_in_map[:num_returns],
+            self.navigation_grid,
+            is_mapped,
+            self.tracking,
+            self.must_look,
         )
 
     def _localise(self, percept: Percept) -> tuple[Pose2, float]:
@@ -189,18 +219,34 @@ class Slam:
                 self.map_from_odom = compose(self._map_from_base, inverse(percept.odom_from_base))
                 return self._map_from_base, 1.0
             return compose(self.map_from_odom, percept.odom_from_base), 1.0
-        graph = self._graph
+        graph, is_first = self._graph, self.map_from_odom is None
         graph.update(percept.level, percept.odom_from_base)
         place, drawn = graph.place, self._map
-        drawn.take_submaps(graph.store, place.submap)
+        drawn.take_submaps(graph.store)
         correction = drawn.step(graph.store, graph.back_end.num_optimised, place)
         if correction is not None:
             self._take_correction(correction)
         alignment = None if graph.tracked is None else graph.tracked.alignment
         pose = drawn.map_from_base(place)
-        if alignment is not None or self.map_from_odom is None:
-            self.map_from_odom = compose(pose, inverse(percept.odom_from_base))
-        return pose, 1.0 if alignment is None else alignment.quality
+        self.map_from_odom = compose(pose, inverse(percept.odom_from_base))
+        if is_first or percept.is_blind:
+            return pose, 1.0
+        return pose, 0.0 if alignment is None else alignment.quality
+
+    def _may_draw(self, percept: Percept, score: float) -> bool:
+        """Whether a scan may be drawn: its pose is known, and it is no dead lidar's."""
+        self._is_blind = self._is_dead(percept)
+        return self.tracking != "lost" and score >= self.config.graph.front_end.maps
+
+    def _is_dead(self, percept: Percept) -> bool:
+        """Whether no return comes where surfaces were near a moment ago."""
+        if percept.is_blind:
+            return distance(percept.odom_from_base, self._seen_from) + self._seen_within < self.lidar.max_range
+        ranges = percept.level.ranges[~percept.level.is_mover]
+        seen = ranges[ranges < self.lidar.max_range]
+        if len(seen):
+            self._seen_from, self._seen_within = percept.odom_from_base, float(np.median(seen))
+        return False
 
     def _remember(self, num_hits: int, num_ends: int, origin: FloatArray) -> None:
         """Keep what the last scan draws, if it became a keyframe."""
@@ -216,7 +262,14 @@ class Slam:
         correction, self._correction = self._correction, STANDING
         map_from_odom = self._map_from_base if self.map_from_odom is None else self.map_from_odom
         return SlamEstimate(
-            self._map_from_base, map_from_odom, correction, 1.0, self._ends_in_map[:0], self.navigation_grid
+            self._map_from_base,
+            map_from_odom,
+            correction,
+            1.0,
+            self._ends_in_map[:0],
+            self.navigation_grid,
+            tracking=self.tracking,
+            must_look=self.must_look,
         )
 
 

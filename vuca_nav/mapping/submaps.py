@@ -61,8 +61,10 @@ class Submap:
     node: Pose2
     """Pose of its first keyframe in the local frame: where the pose graph holds it."""
     drift: FloatArray
-    """(3, 3) covariance of ``node`` as the last submap sees it, in the local frame's axes [m, rad]."""
+    """(3, 3) covariance of ``node`` as ``previous`` sees it, in the local frame's axes [m, rad]."""
     first_keyframe: int
+    previous: int = -1
+    """Number of the submap from which the robot came here, -1 for none: the last one, unless it had been lost."""
     num_keyframes: int = 0
     packed: PackedSurfaces | None = None
     """What was drawn, once it is finished."""
@@ -78,10 +80,26 @@ class SubmapStore:
     keyframes: list[Keyframe] = field(default_factory=list)
     map_from_local: Pose2 = STANDING
     """Where the first submap is in the map."""
+    continuous_from: int = 0
+    """Number of the first keyframe since the robot was last found again: poses of earlier ones do not go on into it."""
 
     def map_from_base(self, keyframe: Keyframe) -> Pose2:
         """Where a keyframe is in the map by now."""
         return compose(self.submaps[keyframe.submap].map_from_local, keyframe.local_from_base)
+
+    def surfaces_of(self, number: int) -> PackedSurfaces:
+        """What is drawn of a submap, finished or not."""
+        submap = self.submaps[number]
+        if submap.packed is not None:
+            return submap.packed
+        assert submap.grid is not None  # a submap has one or the other
+        return submap.grid.pack()
+
+    def places_of(self, number: int) -> FloatArray:
+        """Where the keyframes of a submap were taken, in the local frame (n, 2) [m]; its node if it has none."""
+        submap = self.submaps[number]
+        keyframes = self.keyframes[submap.first_keyframe : submap.first_keyframe + submap.num_keyframes]
+        return np.array([keyframe.local_from_base[:2] for keyframe in keyframes] or [submap.node[:2]])
 
 
 def insert_scan(grid: SurfaceGrid, local_from_base: Pose2, returns: Returns | Keyframe) -> bool:

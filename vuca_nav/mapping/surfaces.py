@@ -116,6 +116,24 @@ class SurfaceGrid(OccupancyGrid):
         self.mean[self.level > 0] = 0.5
         self.count[self.level > 0] = PRIOR_COUNT
 
+    def unpack(self, packed: "PackedSurfaces") -> None:
+        """Take over what another grid of this resolution has held; this one is empty.
+
+        Raises:
+            BadArgument: If it does not fit into the greatest size of a grid.
+        """
+        super().fill(np.sign(packed.level), packed.origin)
+        window = self._window_of(packed.level.shape, packed.origin)
+        self.level[window] = packed.level
+        surface = packed.surface()
+        self.mean[window], self.count[window] = surface.mean, surface.count
+        self._surface = None
+
+    def _window_of(self, shape: tuple[int, ...], origin: tuple[float, float]) -> tuple[slice, slice]:
+        """Rows and columns of a rectangle of cells that begins at a point [m]."""
+        i, j = self.cell(origin[0] + 0.5 * self.resolution, origin[1] + 0.5 * self.resolution)
+        return slice(i, i + shape[0]), slice(j, j + shape[1])
+
     def clear(self, centre: tuple[float, float]) -> None:
         """Forget everything, as ``OccupancyGrid.clear`` does."""
         super().clear(centre)

@@ -71,6 +71,8 @@ class Percept:
     """Rings of the last ticks."""
     field: ScanField
     """Source of ``distance_field``."""
+    odometry_has_jumped: bool = False
+    """Whether the odometry has jumped at this tick: how far the body has moved meanwhile, nobody knows."""
 
     @property
     def stamp(self) -> float:

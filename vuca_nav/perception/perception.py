@@ -213,6 +213,7 @@ class Perception:
             unexplained=unexplained[:, [X, Y, RADIUS]] if num_moving else _NOTHING_MOVES,
             history=self._history,
             field=self._field,
+            odometry_has_jumped=measured.has_jumped,
         )
 
     def _timed(self, scan: Scan) -> tuple[Scan, bool, bool]:

@@ -64,6 +64,8 @@ class CheckedOdometry(NamedTuple):
     """Whether the pose is measured; otherwise it is the last one that was."""
     fault: str | None
     """What is wrong with the reading, None if nothing is."""
+    has_jumped: bool
+    """Whether the pose has jumped farther than the body can."""
 
 
 class ScanCheck:
@@ -126,6 +128,7 @@ class OdometryCheck:
         """Forget the last mission."""
         self._before: Pose2 | None = None
         self._stamp = -math.inf
+        self._has_jumped = False
         self._checked: Pose2 | None = None
         self._checked_from_raw: Pose2 | None = None
 
@@ -151,8 +154,9 @@ class OdometryCheck:
             fault = f"the body has fallen: its vertical is {up}"
         if not (abs(twist[0]) < FASTEST and abs(twist[1]) < FASTEST and abs(twist[2]) < FASTEST_TURN):
             fault = f"the odometry's velocity is not finite, or no body's: {tuple(twist)}"
+        self._has_jumped = False
         here, motion, wrong = self._follow(raw, stamp)
-        return CheckedOdometry(here, motion, twist, up, wrong is None, wrong or fault)
+        return CheckedOdometry(here, motion, twist, up, wrong is None, wrong or fault, self._has_jumped)
 
     def _follow(self, raw: Pose2, stamp: float) -> tuple[Pose2, Pose2, str | None]:
         """The checked pose, the motion since the last tick, and what is wrong."""
@@ -169,6 +173,7 @@ class OdometryCheck:
         way = math.hypot(motion.x, motion.y)
         if way > self._speed * elapsed + STEP_SLACK or abs(motion.yaw) > self._turn * elapsed + TURN_SLACK:
             self._checked_from_raw = compose(here, inverse(raw))
+            self._has_jumped = True
             jump = f"{way:.3g} m and {motion.yaw:.3g} rad in {elapsed:.3g} s"
             return here, STANDING, f"the odometry jumped by {jump}, farther than the body can"
         self._checked = raw if self._checked_from_raw is None else compose(self._checked_from_raw, raw)

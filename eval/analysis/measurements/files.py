@@ -114,6 +114,16 @@ def _is_situations(value: Any) -> bool:
     )  # fmt: skip
 
 
+def _is_faults(value: Any) -> bool:
+    times = ("began", "found_after")
+    return isinstance(value, dict) and all(
+        isinstance(each, dict)
+        and NUMBER.test(each.get("watched"))
+        and all(NUMBER.or_none().test(each.get(name, "")) for name in times)
+        for each in value.values()
+    )
+
+
 _EPISODE = ("world", "region", "without", "movers", "speed", "sighted", "start", "goal", "robot", "method", "seed")
 KINDS: Mapping[str, Fields] = {
     "moments": Fields({**ROW_KINDS, "t_inevitable": NUMBER.or_none()}, (*_EPISODE, "contact", "t_inevitable")),
@@ -131,6 +141,7 @@ KINDS: Mapping[str, Fields] = {
         },
         (*_EPISODE, "outcome", "path", "expert_shares", "period", "scene"),
     ),
+    "lost": Fields({**ROW_KINDS, "faults": Kind("results by fault", _is_faults)}, (*_EPISODE, "faults")),
     "gate": Fields(
         {"policy": TEXT, "kind": TEXT, "seed": COUNT, "situations": Kind("counts by situation", _is_situations)},
         ("policy", "kind", "seed", "situations"),

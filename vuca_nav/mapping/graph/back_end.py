@@ -95,7 +95,8 @@ class BackEnd:
             bundle = None
             for candidate, spread, uncertain in self._candidates(number):
                 if bundle is None:
-                    first = max(number + 1 - self.config.closure.bundle, 0)
+                    continuous_from = self.store.continuous_from if number >= self.store.continuous_from else 0
+                    first = max(number + 1 - self.config.closure.bundle, continuous_from)
                     bundle = bundle_of(self.store.keyframes[first : number + 1], self.config.closure)
                 yield
                 packed = self.store.submaps[candidate].packed
@@ -120,21 +121,18 @@ class BackEnd:
         for k in range(len(self.graph.poses), len(store.submaps)):
             submap = store.submaps[k]
             self.graph.add_node(compose(submap.map_from_local, submap.node))
-            if k:
-                before = store.submaps[k - 1]
+            if submap.previous >= 0:
+                before = store.submaps[submap.previous]
                 c, s = math.cos(submap.node.yaw), math.sin(submap.node.yaw)
                 node_from_local = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
                 floor = np.diag([1e-4, 1e-4, 4e-6])
                 covariance = node_from_local @ submap.drift @ node_from_local.T + floor
                 self.graph.edges.append(
-                    Edge(k - 1, k, between(before.node, submap.node), STANDING, _inverted(covariance), False)
+                    Edge(submap.previous, k, between(before.node, submap.node), STANDING, _inverted(covariance), False)
                 )
                 self._costs.append(self._cost(covariance))
         while len(self._places) < len(store.submaps) and store.submaps[len(self._places)].packed is not None:
-            submap = store.submaps[len(self._places)]
-            first = submap.first_keyframe
-            places = [k.local_from_base[:2] for k in store.keyframes[first : first + submap.num_keyframes]]
-            self._places.append(np.array(places))
+            self._places.append(store.places_of(len(self._places)))
 
     def _cost(self, covariance: FloatArray) -> float:
         return float(covariance[0, 0] + covariance[1, 1] + covariance[2, 2] * self.config.lever**2)
@@ -229,8 +227,8 @@ class BackEnd:
         for k, submap in enumerate(submaps):
             if k < len(poses):
                 submap.map_from_local = compose(poses[k], inverse(submap.node))
-            else:  # it has begun meanwhile, where the one before it was
-                submap.map_from_local = submaps[k - 1].map_from_local
+            else:  # it has begun meanwhile, where the one was that the robot came from
+                submap.map_from_local = submaps[submap.previous].map_from_local
 
 
 def _inverted(matrix: FloatArray) -> FloatArray:
