@@ -37,6 +37,9 @@ class FrontEndConfig:
     """Quality below which a match farther from the prediction than odometry may err is none."""
     maps: float = 0.6
     """Quality below which a scan is not drawn: it would spoil the map if the pose is wrong."""
+    few: float = 0.3
+    """Share of the beams with returns below which they may well be those of people alone, who may walk off all at once:
+    the fewer there are, the less they are followed, and no wider search is made."""
     wide_position: float = 0.12
     """Spread of the wider search [m]."""
     wide_yaw: float = 0.1
@@ -95,6 +98,7 @@ class FrontEnd:
         self.config = config
         self.model = OdometryModel(config.odometry)
         self._aligner = Aligner(config.alignment, most_points)
+        self._most_points = most_points
         self.reset(Pose2(0.0, 0.0, 0.0))
 
     def reset(self, start: Pose2, prior_map: OccupancyGrid | None = None) -> None:
@@ -224,8 +228,10 @@ class FrontEnd:
         assert grid is not None  # the active submap is never finished
         surface = grid.surface
         spread = self.model.spread(*self._unmatched)
-        near = self._aligner.align(surface, predicted, spread, returns.points, returns.normals)
-        if near.quality >= c.doubted:
+        share = min(len(returns.points) / (c.few * self._most_points), 1.0)
+        held = spread._replace(position=share * spread.position, yaw=share * spread.yaw)
+        near = self._aligner.align(surface, predicted, held, returns.points, returns.normals)
+        if near.quality >= c.doubted or share < 1.0:
             return near
         wide = spread._replace(position=max(spread.position, c.wide_position), yaw=max(spread.yaw, c.wide_yaw))
         far = self._aligner.align(surface, predicted, wide, returns.points, returns.normals)
@@ -241,6 +247,9 @@ class FrontEnd:
         With the pull of the prediction matches would confirm odometry, and the more so the more it is trusted.
         """
         c, lesson = self.config, self._lesson
+        if len(returns.points) < c.few * self._most_points:
+            self._lesson = None
+            return
         if lesson is not None and not self._is_over(lesson):
             return
         grid, here = self.store.submaps[self.active].grid, self.local_from_base
