@@ -38,8 +38,8 @@ class FrontEndConfig:
     maps: float = 0.6
     """Quality below which a scan is not drawn: it would spoil the map if the pose is wrong."""
     few: float = 0.3
-    """Share of the beams with returns below which they may well be those of people alone, who may walk off all at once:
-    the fewer there are, the less they are followed, and no wider search is made."""
+    """Share of the beams with returns below which a match is believed only as far as odometry may err: no wider search
+    is made, no slip is looked for, and nothing is learnt of odometry."""
     wide_position: float = 0.12
     """Spread of the wider search [m]."""
     wide_yaw: float = 0.1
@@ -222,21 +222,27 @@ class FrontEnd:
         self.active = len(store.submaps) - 1
         self._drift = np.zeros((3, 3))
 
+    def is_thin(self, returns: Returns) -> bool:
+        """Whether a scan shows too little for a match to be believed against odometry."""
+        return len(returns.points) < self.config.few * self._most_points
+
     def _align(self, returns: Returns, predicted: Pose2) -> Alignment | None:
         """Match a scan; None if its returns contradict the map wherever odometry may have brought the robot."""
         c, grid = self.config, self.store.submaps[self.active].grid
         assert grid is not None  # the active submap is never finished
         surface = grid.surface
         spread = self.model.spread(*self._unmatched)
-        share = min(len(returns.points) / (c.few * self._most_points), 1.0)
-        held = spread._replace(position=share * spread.position, yaw=share * spread.yaw)
-        near = self._aligner.align(surface, predicted, held, returns.points, returns.normals)
-        if near.quality >= c.doubted or share < 1.0:
+        allowed = c.alignment.deviations**2
+        if self.is_thin(returns):
+            held = spread._replace(way=0.0, turn=0.0)
+            near = self._aligner.align(surface, predicted, held, returns.points, returns.normals)
+            return near if squared_deviations(predicted, near.pose, spread) < allowed else None
+        near = self._aligner.align(surface, predicted, spread, returns.points, returns.normals)
+        if near.quality >= c.doubted:
             return near
         wide = spread._replace(position=max(spread.position, c.wide_position), yaw=max(spread.yaw, c.wide_yaw))
         far = self._aligner.align(surface, predicted, wide, returns.points, returns.normals)
         best = far if far.matched > near.matched + c.better else near
-        allowed = c.alignment.deviations**2
         if best.quality < c.lost and squared_deviations(predicted, best.pose, spread) > allowed:
             return None
         return best
@@ -247,7 +253,7 @@ class FrontEnd:
         With the pull of the prediction matches would confirm odometry, and the more so the more it is trusted.
         """
         c, lesson = self.config, self._lesson
-        if len(returns.points) < c.few * self._most_points:
+        if self.is_thin(returns):
             self._lesson = None
             return
         if lesson is not None and not self._is_over(lesson):

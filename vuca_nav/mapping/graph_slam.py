@@ -12,6 +12,7 @@ from vuca_nav.mapping.graph.loop_closure import warm_up
 from vuca_nav.mapping.grid import OccupancyGrid
 from vuca_nav.mapping.relocalisation import RelocalisationConfig, Relocaliser
 from vuca_nav.mapping.returns import ReturnReader, Returns
+from vuca_nav.mapping.standing import Standing
 from vuca_nav.mapping.submaps import SubmapStore
 from vuca_nav.mapping.tracking import Tracking, TrackingConfig, TrackingMonitor
 from vuca_nav.perception.percept import LevelScan
@@ -46,7 +47,7 @@ class Anchored(NamedTuple):
 
 
 class GraphSlam:
-    """``update(level, odom_from_base)`` once a scan.
+    """``update(level, odom_from_base, stamp)`` once a scan.
 
     Attributes:
         store: Submaps and keyframes.
@@ -59,6 +60,7 @@ class GraphSlam:
 
     def __init__(self, lidar: LidarSpec, config: GraphSlamConfig = GraphSlamConfig()):
         self.config = config
+        self._standing = Standing(lidar, config.reach)
         self._reader = ReturnReader(lidar, config.reach, config.surface_thickness)
         self.front_end = FrontEnd(lidar.num_beams, config.front_end)
         self._monitor = TrackingMonitor(lidar, config.tracking)
@@ -81,6 +83,7 @@ class GraphSlam:
         self.tracking: Tracking = "tracked"
         self._may_recover = True
         self.num_found = 0
+        self._standing.reset()
         self._monitor.reset()
         self._relocaliser.begin()
         self._odom_from_base: Pose2 | None = None
@@ -93,19 +96,20 @@ class GraphSlam:
         store = self.store
         return store.submaps[self.place.submap].map_from_local if store.submaps else store.map_from_local
 
-    def update(self, level: LevelScan, odom_from_base: Pose2) -> Pose2:
+    def update(self, level: LevelScan, odom_from_base: Pose2, stamp: float) -> Pose2:
         """Localise a scan, and do the next slice of the back end's work.
 
         Args:
             level: The scan.
             odom_from_base: Odometry at its time.
+            stamp: Its time [s].
 
         Returns:
             ``map_from_base``.
         """
         last, self._odom_from_base = self._odom_from_base, odom_from_base
         motion = STANDING if last is None else between(last, odom_from_base)
-        returns = self._reader.read(level)
+        returns = self._reader.read(self._standing.mark(level, odom_from_base, stamp))
         has_jumped = self._monitor.has_jumped(level, motion)
         if has_jumped or self.tracking == "lost":
             if has_jumped:
@@ -135,7 +139,7 @@ class GraphSlam:
         is_first = not self.store.submaps
         self.tracked = self.front_end.track(returns, motion)
         self.place = Anchored(submap, self.tracked.local_from_base)
-        if len(returns.points) and not is_first:
+        if not is_first and not self.front_end.is_thin(returns):
             self.tracking = self._monitor.update(self.tracked.alignment)
             if self.tracking == "lost":
                 self._relocaliser.begin()

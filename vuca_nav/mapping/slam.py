@@ -220,7 +220,7 @@ class Slam:
                 return self._map_from_base, 1.0
             return compose(self.map_from_odom, percept.odom_from_base), 1.0
         graph, is_first = self._graph, self.map_from_odom is None
-        graph.update(percept.level, percept.odom_from_base)
+        graph.update(percept.level, percept.odom_from_base, percept.stamp)
         place, drawn = graph.place, self._map
         drawn.take_submaps(graph.store)
         correction = drawn.step(graph.store, graph.back_end.num_optimised, place)

@@ -80,7 +80,7 @@ def _level_of(log: RobotLog) -> LevelScan:
 def _update(slam: GraphSlam, log: RobotLog, k: int, level: LevelScan) -> Pose2:
     level.ranges[:] = log.ranges[k]
     x, y, yaw = log.odometry[k].tolist()
-    return slam.update(level, Pose2(x, y, yaw))
+    return slam.update(level, Pose2(x, y, yaw), float(log.stamps[k]))
 
 
 def _warm_up(slam: GraphSlam, log: RobotLog) -> None:

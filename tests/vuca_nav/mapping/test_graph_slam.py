@@ -45,7 +45,7 @@ def drive(boxes, start, legs, odometer: Odometer):
     for scans, forward, yaw in legs:
         for _ in range(scans):
             ranges = scan_of(boxes, truth, rng=rng).ranges
-            pose = slam.update(LevelScan(ranges, BEAMS, STATIC), odometry)
+            pose = slam.update(LevelScan(ranges, BEAMS, STATIC), odometry, 0.1 * len(errors))
             errors.append((distance(pose, truth), distance(compose(start, odometry), truth)))
             truth, odometry = moved(truth, forward, yaw), compose(odometry, odometer(way, forward, yaw))
             way += abs(forward)

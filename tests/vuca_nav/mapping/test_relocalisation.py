@@ -20,7 +20,7 @@ class Robot:
     """Drives in a place, with exact odometry that does not notice when it is carried."""
 
     def __init__(self, boxes, start):
-        self.boxes, self.truth, self.odometry = boxes, start, STANDING
+        self.boxes, self.truth, self.odometry, self.time = boxes, start, STANDING, 0.0
         self.rng, self.slam = np.random.default_rng(5), GraphSlam(LIDAR)
         self.slam.reset(start)
 
@@ -29,8 +29,9 @@ class Robot:
             ranges = scan_of(self.boxes, self.truth, rng=self.rng).ranges
             if hand is not None:
                 ranges[hand] = 0.3
-            estimate = self.slam.update(LevelScan(ranges, BEAMS, STATIC), self.odometry)
+            estimate = self.slam.update(LevelScan(ranges, BEAMS, STATIC), self.odometry, self.time)
             self.error = distance(estimate, self.truth), abs(wrap_angle(estimate.yaw - self.truth.yaw))
+            self.time += 1.0 / 30.0
             self.truth = moved(self.truth, forward, turn)
             self.odometry = compose(self.odometry, Pose2(forward, 0.0, turn))
 
