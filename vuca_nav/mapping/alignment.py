@@ -154,7 +154,7 @@ class Aligner:
             c.iterations,
         )
         self._workspace = Workspace(
-            np.empty((most_points, 4), np.int64),
+            np.empty((most_points, 5), np.int64),
             np.empty((most_points, WINDOW_CELLS, 3)),
             np.empty((8, most_points)),
             np.empty((2 * most_points, 7)),

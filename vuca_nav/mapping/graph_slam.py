@@ -159,6 +159,8 @@ class GraphSlam:
                 self.place = Anchored(submap, alignment.pose)
                 self._end_search()
                 return
+            if not self._monitor.is_done_looking:
+                return
         here = self.place.map_from_base(self.store)
         found = self._relocaliser.update(self.store, returns, motion, here)
         if found is None:

@@ -39,7 +39,8 @@ class Workspace(NamedTuple):
     """Scratch arrays of the kernels, allocated once."""
 
     cells: np.ndarray
-    """(n, 4) int64: row and column of the return's cell, where ``means`` were collected about, how many they are."""
+    """(n, 5) int64: row and column of the return's cell, those of the cell that ``means`` were collected about, and how
+    many they are."""
     means: np.ndarray
     """(n, WINDOW_CELLS, 3) mean returns about the cell: column, row, weight."""
     moments: np.ndarray
@@ -49,8 +50,8 @@ class Workspace(NamedTuple):
 
 
 @njit(cache=True)
-def _gather(surface, num_points, workspace):
-    """Collect the mean returns about the cells of all returns.
+def _gather(surface, num_points, again, workspace):
+    """Collect the mean returns about the cells of all returns that have left the one they were in.
 
     The occupied cells are found first, without an unpredictable branch: an entry that is not occupied is overwritten by
     the next one. An occupied cell has a mean.
@@ -61,6 +62,9 @@ def _gather(surface, num_points, workspace):
     rows, columns = surface.level.shape
     for k in range(num_points):
         i, j = cells[k, 0], cells[k, 1]
+        if again and i == cells[k, 2] and j == cells[k, 3]:
+            continue
+        cells[k, 2], cells[k, 3] = i, j
         n = 0
         if REACH <= i < rows - REACH and REACH <= j < columns - REACH:
             corner = (i - REACH) * columns + j - REACH
@@ -74,12 +78,15 @@ def _gather(surface, num_points, workspace):
                 means[k, m, 0] = (j - REACH + b) + mean[2 * cell]
                 means[k, m, 1] = (i - REACH + a) + mean[2 * cell + np.uint64(1)]
                 means[k, m, 2] = min(float(count[cell]), MAX_WEIGHT)
-        cells[k, 2] = n
+        cells[k, 4] = n
 
 
 @njit(cache=True, error_model="numpy")
-def _assign(surface, returns, pose, settings, workspace):
+def _assign(surface, returns, pose, settings, again, workspace):
     """Find the surface about each return: residuals into ``workspace.lines``.
+
+    Most returns are in the cell where they were when surfaces were last assigned (``again``): their neighbourhoods are
+    kept.
 
     Returns:
         The number of residuals, of returns that have one, and of returns on surely free ground.
@@ -98,11 +105,11 @@ def _assign(surface, returns, pose, settings, workspace):
         fy = (y + s * points[k, 0] + c * points[k, 1] - origin_y) * per_metre
         moments[0, k], moments[1, k] = fx, fy
         cells[k, 0], cells[k, 1] = int(math.floor(fy)), int(math.floor(fx))
-    _gather(surface, points.shape[0], workspace)
+    _gather(surface, points.shape[0], again, workspace)
     for k in range(points.shape[0]):
         fx, fy = moments[0, k], moments[1, k]
         n = mx = my = xx = xy = yy = 0.0
-        for m in range(cells[k, 2]):
+        for m in range(cells[k, 4]):
             u = means[k, m, 0] - fx
             v = means[k, m, 1] - fy
             w = means[k, m, 2]
@@ -128,7 +135,7 @@ def _assign(surface, returns, pose, settings, workspace):
     used = matched = contradicted = 0
     gate = settings.gate * per_metre
     for k in range(points.shape[0]):
-        if cells[k, 2] == 0:
+        if cells[k, 4] == 0:
             i, j = cells[k, 0], cells[k, 1]
             if 0 <= i < rows and 0 <= j < columns and level[i, j] <= settings.surely_free:
                 contradicted += 1
@@ -143,7 +150,7 @@ def _assign(surface, returns, pose, settings, workspace):
         else:
             dx = dy = 0.0
             nearest = 1e9
-            for m in range(cells[k, 2]):
+            for m in range(cells[k, 4]):
                 u, v = means[k, m, 0] - moments[0, k], means[k, m, 1] - moments[1, k]
                 if u * u + v * v < nearest:
                     nearest, dx, dy = u * u + v * v, u, v
@@ -193,8 +200,8 @@ def refine(surface, returns, prior, start, settings, workspace, information):
     fit = 0.0
     is_degenerate = False
     h = information
-    for _association in range(settings.associations):
-        used, matched, contradicted = _assign(surface, returns, (x, y, yaw), settings, workspace)
+    for association in range(settings.associations):
+        used, matched, contradicted = _assign(surface, returns, (x, y, yaw), settings, association > 0, workspace)
         for _ in range(settings.iterations):
             h00 = h11 = h22 = h01 = h02 = h12 = g0 = g1 = g2 = total = turning = fit = 0.0
             c, s = math.cos(yaw), math.sin(yaw)

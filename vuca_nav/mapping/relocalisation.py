@@ -276,9 +276,12 @@ class Relocaliser:
             hits, clear = _cells_of(store, number)
             occupied.append(hits)
             free.append(clear)
-            if number % 8 == 7:
+            if number % 4 == 3:
                 yield
         all_occupied, all_free = np.concatenate(occupied), np.concatenate(free)
+        if not len(all_free):
+            return
+        yield
         found: list[tuple[float, Pose2]] = []
         best = 0.0
         for centre in _block_centres(all_free, here, c.block):
@@ -365,6 +368,10 @@ def _cells_of(store: SubmapStore, number: int) -> tuple[FloatArray, FloatArray]:
 
 def _block_centres(free: FloatArray, here: Pose2, side: float) -> list[tuple[float, float]]:
     """Centres of the blocks that hold free ground, on a lattice about the robot, the nearest first."""
-    cells = np.unique(np.floor((free - here[:2]) / side + 0.5).astype(np.int64), axis=0)
-    centres = [(here.x + side * i, here.y + side * j) for i, j in cells.tolist()]
+    cells = np.floor((free - here[:2]) / side + 0.5).astype(np.int64)
+    low = cells.min(axis=0)
+    rows, columns = (cells - low).max(axis=0) + 1
+    is_held = np.zeros((rows, columns), np.bool_)
+    is_held[tuple((cells - low).T)] = True
+    centres = [(here.x + side * i, here.y + side * j) for i, j in (np.argwhere(is_held) + low).tolist()]
     return sorted(centres, key=lambda centre: (math.dist(centre, here[:2]), centre))

@@ -242,10 +242,9 @@ class Slam:
         """Whether no return comes where surfaces were near a moment ago."""
         if percept.is_blind:
             return distance(percept.odom_from_base, self._seen_from) + self._seen_within < self.lidar.max_range
-        ranges = percept.level.ranges[~percept.level.is_mover]
-        seen = ranges[ranges < self.lidar.max_range]
-        if len(seen):
-            self._seen_from, self._seen_within = percept.odom_from_base, float(np.median(seen))
+        within = _middle_range(percept.level, self.lidar.max_range)
+        if within < math.inf:
+            self._seen_from, self._seen_within = percept.odom_from_base, within
         return False
 
     def _remember(self, num_hits: int, num_ends: int, origin: FloatArray) -> None:
@@ -271,6 +270,18 @@ class Slam:
             tracking=self.tracking,
             must_look=self.must_look,
         )
+
+
+@njit(cache=True)
+def _middle_range(level, max_range):
+    """Median range of the static returns, inf if there are none."""
+    seen = np.empty(level.ranges.shape[0])
+    n = 0
+    for k in range(level.ranges.shape[0]):
+        if level.ranges[k] < max_range and not level.is_mover[k]:
+            seen[n] = level.ranges[k]
+            n += 1
+    return np.median(seen[:n]) if n else np.inf
 
 
 @njit(cache=True)

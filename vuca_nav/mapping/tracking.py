@@ -56,6 +56,8 @@ class TrackingConfig:
     recovered: int = 3
     """Scans that have to match as usual where the robot is by odometry for it not to be lost after all: something has
     stood in its light."""
+    looks: int = 15
+    """Scans in which it may recover before it is looked for in the whole map, which takes thirty times as long."""
     least_beams: int = 30
     """Fewest beams that can tell."""
 
@@ -80,7 +82,7 @@ class TrackingMonitor:
     def reset(self) -> None:
         """Begin anew, from a pose that is known."""
         self.shortcoming = 0.0
-        self._recovered = 0
+        self._recovered = self._looked = 0
         self._changed_away, self._has_changed_back = 0.0, False
         self._last[:] = math.nan
         self._greatest, self._matched, self._is_suspect = self.config.jump, 0.0, False
@@ -129,6 +131,11 @@ class TrackingMonitor:
         self._matched += c.forgetting * (matched - self._matched)
         return self.state
 
+    @property
+    def is_done_looking(self) -> bool:
+        """Whether it is time to look for the lost robot in the whole map."""
+        return self._looked >= self.config.looks
+
     def recovers(self, alignment: Alignment) -> bool:
         """Whether a lost robot is not lost after all. After a jump the view has to change back first.
 
@@ -136,6 +143,7 @@ class TrackingMonitor:
             alignment: Match of the latest scan where the robot is by odometry.
         """
         c = self.config
+        self._looked += 1
         is_usual = alignment.quality > 1.0 - c.drop and alignment.matched > self._matched - c.drop
         self._recovered = self._recovered + 1 if is_usual else 0
         return self._recovered >= c.recovered and (self._has_changed_back or self._changed_away == 0.0)
