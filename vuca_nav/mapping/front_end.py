@@ -127,12 +127,13 @@ class FrontEnd:
             self.store.submaps.append(Submap(grid, start, np.zeros((3, 3)), 0))
             self.active = 0
 
-    def track(self, returns: Returns, motion: Pose2) -> Tracked:
+    def track(self, returns: Returns, motion: Pose2, is_sparse: bool = False) -> Tracked:
         """Take in a scan.
 
         Args:
             returns: The scan's returns.
             motion: Motion since the last scan by odometry.
+            is_sparse: Whether it is one of few: then it is drawn however it fits, since no other shows the place.
         """
         motion = self.model.corrected(motion)
         way, turn = math.hypot(motion.x, motion.y), abs(motion.yaw)
@@ -160,7 +161,8 @@ class FrontEnd:
             self._unmatched = [0.0, 0.0]
         keyframe = None
         last, here = self._at_keyframe, self.local_from_base
-        may_draw = alignment is not None and alignment.quality >= self.config.maps
+        fits = alignment is not None and alignment.quality >= self.config.maps
+        may_draw = fits or (is_sparse and len(returns.points))
         if may_draw and (
             math.hypot(here.x - last.x, here.y - last.y) > self.config.keyframe_distance
             or abs(wrap_angle(here.yaw - last.yaw)) > self.config.keyframe_angle
@@ -181,12 +183,15 @@ class FrontEnd:
         self.local_from_base = compose(self.local_from_base, motion)
         return Tracked(self.local_from_base, None, None)
 
-    def match_here(self, returns: Returns) -> Alignment:
-        """The match where the robot is by odometry; nothing is changed by it."""
+    def match_here(self, returns: Returns, motion: Pose2 = STANDING) -> Alignment:
+        """The match where the robot is by odometry, after a motion; nothing is changed by it."""
         grid = self.store.submaps[self.active].grid
         assert grid is not None  # the active submap is never finished
-        spread = self.model.spread(*self._unmatched)
-        return self._aligner.align(grid.surface, self.local_from_base, spread, returns.points, returns.normals)
+        motion = self.model.corrected(motion)
+        way, turn = self._unmatched
+        spread = self.model.spread(way + math.hypot(motion.x, motion.y), turn + abs(motion.yaw))
+        predicted = compose(self.local_from_base, motion)
+        return self._aligner.align(grid.surface, predicted, spread, returns.points, returns.normals)
 
     def go_on_at(self, local_from_base: Pose2) -> None:
         """Go on in the same submap, at a pose that a match has confirmed."""

@@ -110,7 +110,7 @@ class GraphSlam:
         last, self._odom_from_base = self._odom_from_base, odom_from_base
         motion = STANDING if last is None else between(last, odom_from_base)
         returns = self._reader.read(self._standing.mark(level, odom_from_base, stamp))
-        has_jumped = self._monitor.has_jumped(level, motion)
+        has_jumped = self._has_jumped(level, returns, motion, stamp)
         if has_jumped or self.tracking == "lost":
             if has_jumped:
                 self._relocaliser.begin()
@@ -123,6 +123,14 @@ class GraphSlam:
         for _ in range(self.config.slices):
             self._do_slice()
         return compose(self.map_from_local, self.place.local_from_base)
+
+    def _has_jumped(self, level: LevelScan, returns: Returns, motion: Pose2, stamp: float) -> bool:
+        """Whether a scan was taken elsewhere than odometry says."""
+        if not self._monitor.has_jumped(level, motion, stamp):
+            return False
+        if self.tracking == "lost" or not self.store.submaps or not len(returns.points):
+            return True
+        return not self._monitor.refutes(self.front_end.match_here(returns, motion))
 
     def doubt(self) -> None:
         """Take the robot for lost: odometry has broken off, and nobody knows how far it has moved."""
@@ -137,9 +145,10 @@ class GraphSlam:
     def _track(self, returns: Returns, motion: Pose2) -> None:
         submap = max(self.front_end.active, 0)
         is_first = not self.store.submaps
-        self.tracked = self.front_end.track(returns, motion)
+        is_sparse = self._monitor.is_sparse
+        self.tracked = self.front_end.track(returns, motion, is_sparse)
         self.place = Anchored(submap, self.tracked.local_from_base)
-        if not is_first and not self.front_end.is_thin(returns):
+        if not is_first and not is_sparse and not self.front_end.is_thin(returns):
             self.tracking = self._monitor.update(self.tracked.alignment)
             if self.tracking == "lost":
                 self._relocaliser.begin()

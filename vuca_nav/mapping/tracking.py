@@ -40,6 +40,12 @@ class TrackingConfig:
     """Sum of the shortcomings from which on tracking is weak."""
     changed: float = 0.3
     """A range that is found nowhere near within this has changed, beside twice the robot's way [m]."""
+    comparable: float = 0.3
+    """Way between two scans up to which they can be compared [m]: after more, other things are hidden ..."""
+    comparable_turn: float = 0.3
+    """... or turning [rad] ..."""
+    comparable_time: float = 1.0
+    """... or time [s]: after more, people have gone elsewhere."""
     jump: float = 0.5
     """Share of changed ranges from which on a scan was taken elsewhere. Missions without faults have at most 0.05 on
     wheels and 0.3 on legs, which lean; being carried by 3 m and half a turn gives 0.6 and more in most places ..."""
@@ -71,6 +77,7 @@ class TrackingMonitor:
 
     Attributes:
         shortcoming: How much the last scans have fallen short of the usual quality, summed up.
+        is_sparse: Whether the last scan was taken too far from the one before, or too late, to be compared with it.
     """
 
     def __init__(self, lidar: LidarSpec, config: TrackingConfig = TrackingConfig()):
@@ -85,6 +92,7 @@ class TrackingMonitor:
         self._recovered = self._looked = 0
         self._changed_away, self._has_changed_back = 0.0, False
         self._last[:] = math.nan
+        self._stamp, self.is_sparse = -math.inf, False
         self._greatest, self._matched, self._is_suspect = self.config.jump, 0.0, False
         self._share = 0.0
 
@@ -95,19 +103,23 @@ class TrackingMonitor:
             return "lost"
         return "weak" if self.shortcoming > self.config.weak else "tracked"
 
-    def has_jumped(self, level: LevelScan, motion: Pose2) -> bool:
+    def has_jumped(self, level: LevelScan, motion: Pose2, stamp: float) -> bool:
         """Whether a scan was taken elsewhere than the last one and odometry tell.
 
         Args:
             level: The scan.
             motion: Motion since the last scan by odometry.
+            stamp: Time of the scan [s].
         """
         c = self.config
+        elapsed, self._stamp = stamp - self._stamp, stamp
         slack = c.changed + 2.0 * math.hypot(motion.x, motion.y)
         shift = round(motion.yaw / self._pitch)
         changed, valid = _changed(level.ranges, self._last, shift, (self._wraps, self._max_range, slack))
         self._last[:] = level.ranges
-        share = changed / valid if valid >= c.least_beams else 0.0
+        is_near = math.hypot(motion.x, motion.y) <= c.comparable and abs(motion.yaw) <= c.comparable_turn
+        self.is_sparse = not (is_near and 0.0 < elapsed <= c.comparable_time)
+        share = changed / valid if not self.is_sparse and valid >= c.least_beams else 0.0
         self._is_suspect = share > max(c.suspect, c.unusual * self._greatest)
         self._greatest = max(share, c.late * self._greatest)
         self._has_changed_back |= 0.0 < self._changed_away < 2.0 * share
@@ -131,6 +143,21 @@ class TrackingMonitor:
         self._matched += c.forgetting * (matched - self._matched)
         return self.state
 
+    def refutes(self, alignment: Alignment) -> bool:
+        """Whether a scan that seems to be taken elsewhere fits the map here as scans usually do: people have passed.
+
+        Args:
+            alignment: Match of the scan where the robot is by odometry.
+        """
+        if not self._is_usual(alignment):
+            return False
+        self._changed_away, self._is_suspect = 0.0, False
+        return True
+
+    def _is_usual(self, alignment: Alignment) -> bool:
+        c = self.config
+        return alignment.quality > 1.0 - c.drop and alignment.matched > self._matched - c.drop
+
     @property
     def is_done_looking(self) -> bool:
         """Whether it is time to look for the lost robot in the whole map."""
@@ -144,8 +171,7 @@ class TrackingMonitor:
         """
         c = self.config
         self._looked += 1
-        is_usual = alignment.quality > 1.0 - c.drop and alignment.matched > self._matched - c.drop
-        self._recovered = self._recovered + 1 if is_usual else 0
+        self._recovered = self._recovered + 1 if self._is_usual(alignment) else 0
         return self._recovered >= c.recovered and (self._has_changed_back or self._changed_away == 0.0)
 
 

@@ -8,6 +8,7 @@ import pytest
 from tests.vuca_nav.rooms import LIDAR, moved, room, scan_of
 from vuca_nav.geometry import compose, distance, wrap_angle
 from vuca_nav.mapping.graph_slam import GraphSlam
+from vuca_nav.mapping.tracking import TrackingMonitor
 from vuca_nav.perception.percept import LevelScan
 from vuca_nav.types import STANDING, Pose2
 
@@ -21,6 +22,7 @@ class Robot:
 
     def __init__(self, boxes, start):
         self.boxes, self.truth, self.odometry, self.time = boxes, start, STANDING, 0.0
+        self.period = 1.0 / 30.0
         self.rng, self.slam = np.random.default_rng(5), GraphSlam(LIDAR)
         self.slam.reset(start)
 
@@ -31,7 +33,7 @@ class Robot:
                 ranges[hand] = 0.3
             estimate = self.slam.update(LevelScan(ranges, BEAMS, STATIC), self.odometry, self.time)
             self.error = distance(estimate, self.truth), abs(wrap_angle(estimate.yaw - self.truth.yaw))
-            self.time += 1.0 / 30.0
+            self.time += self.period
             self.truth = moved(self.truth, forward, turn)
             self.odometry = compose(self.odometry, Pose2(forward, 0.0, turn))
 
@@ -93,3 +95,17 @@ def test_one_of_two_rooms_alike_is_not_guessed():
     robot.truth = Pose2(doors.x + 1.0, 5.2, 0.3)  # deep in the second room, where the door is out of sight
     robot.go(200, 0.0, 0.0)
     assert robot.slam.tracking == "lost" or robot.error[0] < 0.1
+
+
+@pytest.mark.parametrize(
+    ("way", "turn", "period", "tells"), [(0.05, 0.0, 0.1, True), (1.0, 0.0, 0.1, False), (0.0, 0.5, 0.1, False),
+                                         (0.05, 0.0, 4.0, False), (0.05, 0.0, 0.0, False)]
+)  # fmt: skip
+def test_only_scans_close_together_tell_of_a_robot_that_is_carried(way, turn, period, tells):
+    """Sparse logs keep a scan a metre, or one in some seconds: other things are seen behind each pier."""
+    monitor = TrackingMonitor(LIDAR)
+    for k, place in enumerate((Pose2(1.0, 1.5, 0.0), Pose2(7.5, 3.5, 1.4))):
+        level = LevelScan(scan_of(FURNISHED, place).ranges, BEAMS, STATIC)
+        has_jumped = monitor.has_jumped(level, Pose2(way, 0.0, turn), 10.0 + k * period)
+    assert has_jumped == tells
+    assert monitor.is_sparse != tells
