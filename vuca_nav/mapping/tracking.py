@@ -54,7 +54,7 @@ class TrackingConfig:
     unusual: float = 2.0
     """... and this many times the greatest share of late, a scan was taken elsewhere ..."""
     drop: float = 0.06
-    """... if its share of matched returns is less than usual by so much."""
+    """... if its share of matched returns is less than usual by so much, and not for new ground alone."""
     late: float = 0.98
     """Factor on the greatest share of changed ranges from scan to scan: half of it is forgotten in a second."""
     forgetting: float = 0.1
@@ -90,7 +90,7 @@ class TrackingMonitor:
         """Begin anew, from a pose that is known."""
         self.shortcoming = 0.0
         self._recovered = self._looked = 0
-        self._changed_away, self._has_changed_back = 0.0, False
+        self._changed_away, self._has_changed_back, self._must_change_back = 0.0, False, False
         self._last[:] = math.nan
         self._stamp, self.is_sparse = -math.inf, False
         self._greatest, self._matched, self._is_suspect = self.config.jump, 0.0, False
@@ -124,7 +124,7 @@ class TrackingMonitor:
         self._greatest = max(share, c.late * self._greatest)
         self._has_changed_back |= 0.0 < self._changed_away < 2.0 * share
         if share > c.jump:
-            self._changed_away = share
+            self._changed_away, self._must_change_back = share, True
         self._share = share
         return share > c.jump
 
@@ -137,7 +137,7 @@ class TrackingMonitor:
         c = self.config
         quality, matched = (0.0, 0.0) if alignment is None else (alignment.quality, alignment.matched)
         self.shortcoming = max(self.shortcoming + c.usual - quality, 0.0)
-        if self._is_suspect and matched < self._matched - c.drop:
+        if self._is_suspect and quality < 1.0 - c.drop and matched < self._matched - c.drop:
             self.shortcoming = max(self.shortcoming, 1.5 * c.enough)
             self._changed_away = self._share
         self._matched += c.forgetting * (matched - self._matched)
@@ -151,7 +151,7 @@ class TrackingMonitor:
         """
         if not self._is_usual(alignment):
             return False
-        self._changed_away, self._is_suspect = 0.0, False
+        self._changed_away, self._must_change_back, self._is_suspect = 0.0, False, False
         return True
 
     def _is_usual(self, alignment: Alignment) -> bool:
@@ -172,7 +172,7 @@ class TrackingMonitor:
         c = self.config
         self._looked += 1
         self._recovered = self._recovered + 1 if self._is_usual(alignment) else 0
-        return self._recovered >= c.recovered and (self._has_changed_back or self._changed_away == 0.0)
+        return self._recovered >= c.recovered and (self._has_changed_back or not self._must_change_back)
 
 
 @njit(cache=True)
