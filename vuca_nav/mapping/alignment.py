@@ -36,6 +36,10 @@ class Spread(NamedTuple):
     """Way since the last match [m]."""
     turn: float = 0.0
     """Turning since the last match [rad]."""
+    least_position: float = 0.0
+    """The search goes at least as far as if ``position`` were this [m]: errors that were learnt to be small may grow."""
+    least_yaw: float = 0.0
+    """[rad]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,7 +178,10 @@ class Aligner:
         """
         c = self.config
         near_start, far_start = predicted, predicted
-        near = c.deviations * spread.position, c.deviations * spread.yaw
+        near = (
+            c.deviations * max(spread.position, spread.least_position),
+            c.deviations * max(spread.yaw, spread.least_yaw),
+        )
         far = max(near[0], c.slip * spread.way), max(near[1], c.spin * spread.turn)
         near_start = self._searched(surface, predicted, spread, near, points)
         best = self.refine(surface, near_start, points, normals, predicted, spread)
