@@ -37,7 +37,7 @@ class Spread(NamedTuple):
     turn: float = 0.0
     """Turning since the last match [rad]."""
     least_position: float = 0.0
-    """The search goes at least as far as if ``position`` were this [m]: errors that were learnt to be small may grow."""
+    """The search goes at least as far as if ``position`` were this [m]: what was learnt to err little may slip."""
     least_yaw: float = 0.0
     """[rad]"""
 

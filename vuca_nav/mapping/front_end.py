@@ -67,6 +67,8 @@ class Tracked(NamedTuple):
     """None where nothing was matched."""
     keyframe: Keyframe | None
     """The keyframe, if the scan became one."""
+    quality: float
+    """Quality of the match, 0 where the scan fits nowhere near; 1 where it shows too little to tell: by odometry."""
 
 
 @dataclass(slots=True)
@@ -146,7 +148,7 @@ class FrontEnd:
         predicted = compose(self.local_from_base, motion)
         if self.active < 0:
             self.local_from_base = predicted
-            return Tracked(predicted, None, self._keep(returns) if len(returns.points) else None)
+            return Tracked(predicted, None, self._keep(returns) if len(returns.points) else None, 1.0)
         alignment = None
         if len(returns.points):
             alignment = self._align(returns, predicted)
@@ -169,7 +171,8 @@ class FrontEnd:
         ):
             self._learn(returns)
             keyframe = self._keep(returns)
-        return Tracked(here, alignment, keyframe)
+        quality = 0.0 if alignment is None else alignment.quality
+        return Tracked(here, alignment, keyframe, 1.0 if self.is_thin(returns) else quality)
 
     def move(self, motion: Pose2) -> Tracked:
         """Go on by odometry alone: nothing is matched, nothing is drawn.
@@ -181,7 +184,7 @@ class FrontEnd:
         self._unmatched[0] += math.hypot(motion.x, motion.y)
         self._unmatched[1] += abs(motion.yaw)
         self.local_from_base = compose(self.local_from_base, motion)
-        return Tracked(self.local_from_base, None, None)
+        return Tracked(self.local_from_base, None, None, 0.0)
 
     def match_here(self, returns: Returns, motion: Pose2 = STANDING) -> Alignment:
         """The match where the robot is by odometry, after a motion; nothing is changed by it."""

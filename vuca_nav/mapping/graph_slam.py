@@ -164,7 +164,7 @@ class GraphSlam:
             alignment = self.front_end.match_here(returns)
             if self._monitor.recovers(alignment):
                 self.front_end.go_on_at(alignment.pose)
-                self.tracked = Tracked(alignment.pose, alignment, None)
+                self.tracked = Tracked(alignment.pose, alignment, None, alignment.quality)
                 self.place = Anchored(submap, alignment.pose)
                 self._end_search()
                 return

@@ -29,7 +29,7 @@ class OdometryModelConfig:
     position_per_radian: float = 6e-4
     """Variance of the position [m^2 / rad]."""
     yaw_per_metre: float = 5e-5
-    """Variance of the yaw [rad^2 / m]: 0.4 degrees after a metre. With 1 degree a perfect odometer was spoiled by 0.04 m
+    """Variance of the yaw [rad^2 / m]: 0.4 degrees after a metre. With 1 degree a perfect odometer was spoiled by 4 cm
     in a ring before its quality had been learnt ..."""
     searched_yaw_per_metre: float = 3e-4
     """... but the search goes as far as if it were 1 degree [rad^2 / m]."""

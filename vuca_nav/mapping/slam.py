@@ -226,12 +226,10 @@ class Slam:
         correction = drawn.step(graph.store, graph.back_end.num_optimised, place)
         if correction is not None:
             self._take_correction(correction)
-        alignment = None if graph.tracked is None else graph.tracked.alignment
         pose = drawn.map_from_base(place)
         self.map_from_odom = compose(pose, inverse(percept.odom_from_base))
-        if is_first or percept.is_blind:
-            return pose, 1.0
-        return pose, 0.0 if alignment is None else alignment.quality
+        assert graph.tracked is not None
+        return pose, 1.0 if is_first or percept.is_blind else graph.tracked.quality
 
     def _may_draw(self, percept: Percept, score: float) -> bool:
         """Whether a scan may be drawn: its pose is known, and it is no dead lidar's."""

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from tests.vuca_nav.rooms import LIDAR, NOTHING, moved, room, scan_of
+from tests.vuca_nav.rooms import LIDAR, NOTHING, Sensors, moved, room, scan_of
 from vuca_nav.geometry import compose, distance
 from vuca_nav.mapping.graph_slam import GraphSlam
+from vuca_nav.mapping.slam import Slam
 from vuca_nav.mapping.standing import PROOF, Standing
 from vuca_nav.perception.percept import LevelScan
 from vuca_nav.types import STANDING, Pose2
@@ -86,3 +87,16 @@ def test_among_walls_everything_counts():
     boxes = np.vstack([room(10.0, 8.0), squares(np.array([[4.0, 3.0]]))])
     level = Standing(LIDAR, 20.0).mark(level_of(boxes, Pose2(2.0, 2.0, 0.0)), STANDING, 0.0)
     assert not level.is_mover.any()
+
+
+def test_an_open_field_is_mapped_by_odometry():
+    """Though nothing is matched there, the robot has to see where it is free."""
+    slam, sensors, truth, path = Slam(LIDAR), Sensors(), START, moved(START, 0.05, 0.0)
+    slam.reset(START)
+    for k in range(60):
+        walker = squares(np.array([[5.0, 2.0 + 0.04 * k]]))
+        estimate = slam.update(sensors.see(scan_of(walker, truth).ranges, path if k else STANDING))
+        truth = moved(truth, 0.05 if k < 59 else 0.0, 0.0)
+    assert distance(estimate.map_from_base, truth) < 0.01
+    assert (estimate.score, estimate.tracking) == (1.0, "tracked")
+    assert estimate.navigation_grid.state(14.0, 0.01) == -1  # 12 m are seen
