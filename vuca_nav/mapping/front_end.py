@@ -40,6 +40,9 @@ class FrontEndConfig:
     few: float = 0.3
     """Share of the beams with returns below which a match is believed only as far as odometry may err: no wider search
     is made, no slip is looked for, and nothing is learnt of odometry."""
+    single: float = 0.1
+    """... and below which they may be of a single thing, which shows no yaw: it is believed less by the square of their
+    number. A person who began to walk turned the pose by a degree with eight returns."""
     wide_position: float = 0.12
     """Spread of the wider search [m]."""
     wide_yaw: float = 0.1
@@ -242,7 +245,8 @@ class FrontEnd:
         spread = self.model.spread(*self._unmatched)
         allowed = c.alignment.deviations**2
         if self.is_thin(returns):
-            held = spread._replace(way=0.0, turn=0.0)
+            share = min(len(returns.points) / (c.single * self._most_points), 1.0)
+            held = Spread(spread.position, share**2 * spread.yaw)
             near = self._aligner.align(surface, predicted, held, returns.points, returns.normals)
             return near if squared_deviations(predicted, near.pose, spread) < allowed else None
         near = self._aligner.align(surface, predicted, spread, returns.points, returns.normals)
