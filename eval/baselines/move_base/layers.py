@@ -155,7 +155,7 @@ class LayeredSurvey(Survey):
     def __init__(self, grid: OccupancyGrid, costmap: LayeredCostmap, map_from_base: Pose2):
         self.grid, self.map_from_base = grid, map_from_base
         field = PathField(costmap, (map_from_base.x, map_from_base.y))
-        self._paths, self._doubting = lambda doubting: field, False  # forgetting marks is the recoveries' part
+        self._paths, self._doubting = lambda doubting, squeezing: field, False  # forgetting is the recoveries' part
 
 
 class _Inflation(NamedTuple):
