@@ -397,6 +397,8 @@ class Navigator(Stack):
         fits = self._least_width <= width <= self._narrow
         is_narrow = back is not None or (fits and not self.recovery.tries_other_driver)
         room = 0.5 * width - self._half_width
+        if self.plan.is_final and len(self.plan.clearances):
+            room = min(room, float(self.plan.clearances[-1]) - self.body.radius)
         return LocalGoal((c * dx + s * dy, -s * dx + c * dy), self.plan.is_final and back is None, is_narrow, room)
 
     def _is_stuck(self, pose: Pose2) -> bool:

@@ -23,7 +23,8 @@ class LocalGoal(NamedTuple):
     is_narrow: bool = False
     """Whether the way to it is narrow about the robot: narrower than any that networks are trained on."""
     room: float = math.inf
-    """Least room that the way to it leaves at either side of the body about the robot [m]."""
+    """Least room that the way to it leaves on the map [m]: at either side of the body about the robot, and all round
+    the body at the goal."""
 
     def margin(self, usual: float, is_round: bool) -> float:
         """Inflation of the footprint for static obstacles on a way that leaves little room [m].

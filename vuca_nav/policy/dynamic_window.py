@@ -321,13 +321,8 @@ def _best(field, discs, settings, start, target, limits, last_w):
     start_x, start_y, start_cos, start_sin = start
     goal_x, goal_y, room, is_final = target
     # Where the way or the goal has less room than is comfortable, as much as it has is comfortable.
-    comfort, comfort_weight = min(settings.comfort, max(room - margin, LEAST_COMFORT)), settings.comfort_weight
-    if is_final:
-        ahead = max(math.hypot(goal_x - start_x, goal_y - start_y), 1e-6)
-        c, s = (goal_x - start_x) / ahead, (goal_y - start_y) / ahead
-        room = max(smooth_clearance_at(field, discs, goal_x, goal_y, c, s) - margin, LEAST_AT_GOAL)
-        if room < comfort:
-            comfort, comfort_weight = room, comfort_weight * room / comfort
+    comfort = min(settings.comfort, max(room - margin, LEAST_AT_GOAL if is_final else LEAST_COMFORT))
+    comfort_weight = settings.comfort_weight * (comfort / settings.comfort if is_final else 1.0)
     comfort_reach = comfort + margin + ROUGHLY * field.resolution
     v_min, v_max, w_min, w_max = limits
     clearance_now = _clearance(field, discs, comfort_reach, start_x, start_y, start_cos, start_sin) - margin

@@ -31,7 +31,7 @@ movers:
 - kind: cylinder
   radius: 0.3
   start: {x: 6.5, y: 1.5, yaw: 0.0}
-  motion: {type: random_walk, speed: 0.5, seed: 7}
+  motion: {type: random_walk, speed: 0.2, seed: 7}
   parts:
   - shape: {type: cylinder, x: 0.0, y: 0.0, radius: 0.3, height: 1.2}
 """

@@ -290,7 +290,7 @@ def test_kept_measurements_are_read_like_files(tmp_path, measured):
         ("courses", {**course_row("ours"), "scene": {}}, "line 2: scene is"),
         ("heatmap", {**heatmap_row(1, 0.1, 0.1), "moments": [{"time": 1.0}]}, "line 2: moments is"),
         ("gate", {"policy": "p", "kind": "k", "seed": 1, "situations": {"a": {}}}, "line 2: situations is"),
-        ("weather", {}, "its first line names none of moments, heatmap, courses, gate"),
+        ("weather", {}, "its first line names none of moments, heatmap, courses, lost, gate"),
     ],
 )
 def test_damaged_measurements_are_refused(tmp_path, kind, row, words):
