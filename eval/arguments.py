@@ -40,8 +40,8 @@ class SceneArguments(DialArguments):
     """Seed of the world, its moving obstacles and the sensors' noise."""
     without: str = ""
     """Difficulties left out: V moving obstacles, U the map unknown, C corridors, A noise of the sensors."""
-    start: Annotated[tuple[float, float, float] | None, optional("X Y YAW")] = None
-    """Start here instead [m, m, rad]."""
+    start: Annotated[tuple[float, float, float | None] | None, optional("X Y YAW")] = None
+    """Start here instead [m, m, rad]; None as the yaw is a heading in which the body fits."""
     goal: Annotated[tuple[float, float] | None, optional("X Y")] = None
     """Go there instead [m]."""
     tolerance: Annotated[float | None, optional("M")] = None

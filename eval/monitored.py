@@ -35,6 +35,7 @@ class Monitored(Stack):
 
     def reset(self, start: Pose2, goal: tuple[float, float], prior_map: OccupancyGrid | None = None) -> None:
         """Begin a mission: the first healthy second has to pass before the body moves."""
+        self.stack.tolerance, self.finding = self.tolerance, None
         self.stack.reset(start, goal, prior_map)
         self.layer.reset()
         self.actions.clear()

@@ -234,7 +234,7 @@ class Navigator(Stack):
         if cause is not None or self._is_planning_due(estimate.map_from_base):
             survey = self._survey(percept, estimate)
             exploration = self.explorer.update(cause, percept, survey)
-            self._judge_goal(percept.stamp, exploration.target is None)
+            self._judge_goal(percept, exploration.target is None)
             self.plan = self.planner.update(exploration.target, exploration.paths, self.plan)
             self.telemetry.grid(estimate.navigation_grid)
             self.telemetry.entropy(estimate.navigation_grid.entropy)
@@ -286,6 +286,7 @@ class Navigator(Stack):
             self._is_goal_new = True
             self._looking.reset()
             self.recovery.reset()
+            self._closed_since = math.inf
         elif estimate.tracking == "weak":
             self.telemetry.event("scans contradict the map: slower, and by odometry", "WARN")
 
@@ -295,6 +296,7 @@ class Navigator(Stack):
             self.plan = self.plan.moved(map_correction)
             self.explorer.follow(map_correction)
             self.recovery.follow(map_correction)
+            self._standing.reset()  # what it holds is where the map was
             self._moved_from = compose(map_correction, self._moved_from)
             self.telemetry.map_correction(map_correction)
 
@@ -329,11 +331,13 @@ class Navigator(Stack):
                 self.telemetry.event("there is no other way", "WARN")
         return "no progress"
 
-    def _judge_goal(self, now: float, is_closed: bool) -> None:
+    def _judge_goal(self, percept: Percept, is_closed: bool) -> None:
         """Find out that the goal cannot be reached, or that it can after all.
 
+        Without sight or place, or where the robot itself bars a way for a while, nothing is found out.
+
         Args:
-            now: Time [s].
+            percept: The percept of this tick.
             is_closed: Whether neither the goal nor anything unknown can be reached.
         """
         if not is_closed:
@@ -341,8 +345,11 @@ class Navigator(Stack):
                 self.telemetry.event("there is a way again")
             self._closed_since, self.finding = math.inf, None
             return
-        self._closed_since = min(self._closed_since, now)
-        if self.finding is None and now - self._closed_since >= self.config.closed_time:
+        if not percept.is_valid or percept.is_blind or self._tracking != "tracked" or self.recovery.barred:
+            self._closed_since = math.inf
+            return
+        self._closed_since = min(self._closed_since, percept.stamp)
+        if self.finding is None and percept.stamp - self._closed_since >= self.config.closed_time:
             self.finding = NO_WAY
             self.telemetry.event(f"the goal cannot be reached: {NO_WAY}", "WARN")
 

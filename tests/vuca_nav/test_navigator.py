@@ -558,3 +558,12 @@ def test_a_goal_that_cannot_be_reached_is_found_out_and_said(goal, finds_out):
     assert len(said) == finds_out
     navigator.head_for((3.0, 3.0))
     assert navigator.finding is None
+
+
+def test_without_sight_nothing_is_found_out_about_the_goal():
+    body = disc_body()
+    navigator = Navigator(body, LIDAR, DynamicWindow(body, LIDAR))
+    navigator.reset(Pose2(2.0, 2.0, 0.0), (9.0, 3.0))
+    for k in range(300):
+        navigator.step(Scan(k * DT, np.full(LIDAR.num_beams, np.nan)), Odometry(k * DT, STANDING, REST))
+    assert navigator.finding is None

@@ -57,7 +57,7 @@ class SlamEstimate:
     map_from_odom: Pose2
     map_correction: Pose2
     """Transform of the map about the robot since the last scan, from the old place of a point to the new one.
-    Everything remembered in the map has to follow. ``STANDING`` but after ``Slam.correct``."""
+    Everything remembered in the map has to follow. ``STANDING`` but where the map was redrawn or corrected."""
     score: float
     """Quality of the match, 0 to 1: share of the returns that lie on known surfaces, of those that do not lie on new
     ground; 1 where none was made."""

@@ -187,6 +187,12 @@ class Costmap:
             for b in range(parts * j, parts * (j + 1))
         ]
 
+    def clearance_about(self, x: float, y: float) -> float:
+        """Clearance of the map's cell of a point within the array [m]."""
+        size = self.resolution * self.state.shape[0] / self.fine.shape[0]
+        a, b = math.floor((y - self.origin[1]) / size), math.floor((x - self.origin[0]) / size)
+        return float(self.fine[a, b]) * self.unit
+
     def contains(self, i: int, j: int) -> bool:
         """Whether the cell lies inside the array."""
         return 0 <= i < self.state.shape[0] and 0 <= j < self.state.shape[1]

@@ -97,7 +97,7 @@ class PathField:
                     continue
                 places = costmap.parts_of(i, j)
                 if (i, j) == middle:
-                    places.append(((x, y), float(costmap.clearance[i, j]) * costmap.unit))
+                    places.append(((x, y), costmap.clearance_about(x, y)))
                 for place, clearance in places:
                     away = math.dist(place, (x, y))
                     if away <= reach:

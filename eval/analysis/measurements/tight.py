@@ -100,12 +100,12 @@ def worlds() -> Iterator[World]:
 
 def write(folder: Path) -> Path:
     """Write the worlds and their tasks; returns the tasks' file."""
-    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "tasks.yaml"
+    prepare_file(path)
     tasks = []
     for world in worlds():
         save_scene(world, str(folder / f"{world.name}.yaml"))
         tasks.append({"name": world.name, "world": f"{world.name}.yaml", "time_limit": 90.0})
-    path = folder / "tasks.yaml"
     path.write_text(yaml.safe_dump({"format": FORMAT, "tasks": tasks}, sort_keys=False))
     return path
 

@@ -236,4 +236,4 @@ _NUMBERS = ("region", "movers", "speed", "sighted")
 
 
 def _point(numbers: Any) -> str:
-    return " ".join(f"{number:g}" for number in numbers)
+    return " ".join("-" if number is None else f"{number:g}" for number in numbers)

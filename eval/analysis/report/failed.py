@@ -52,7 +52,7 @@ class Failed(NamedTuple):
         """The command that runs it again and records it."""
         scene = (
             "world", "region", "seed", "without", "movers", "speed", "sighted", "start", "goal", "tolerance",
-            "time_limit", "obstacles", "unknown", "robot",
+            "time_limit", "obstacles", "unknown", "map", "robot",
         )  # fmt: skip
         words = [
             "vuca",

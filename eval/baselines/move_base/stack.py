@@ -88,6 +88,9 @@ class MoveBase(Stack):
         self.telemetry.estimated_pose(estimate.map_from_base, compose(self.start, odometry.odom_from_base))
         self.telemetry.scan(scan, estimate.points_in_map)
         self.obstacles.update(estimate.navigation_grid, estimate.map_from_base, percept.scan.ranges, self._angles)
+        if estimate.tracking == "lost":  # nothing is mapped: there is nothing to plan on
+            self._tick += 1
+            return self.policy.command(percept, None)
         if self._is_planning_due():
             self._plan(percept, estimate)
         command = self._turn_about(percept) if self.recovery.is_turning else self._drive(percept)
