@@ -128,5 +128,7 @@ def test_the_dynamic_window_turns_to_a_goal_behind_it():
         percept = drive.step(command.v_x, command.w_z)
         dx, dy = goal[0] - drive.pose.x, goal[1] - drive.pose.y
         c, s = math.cos(drive.pose.yaw), math.sin(drive.pose.yaw)
+        if math.hypot(dx, dy) < 0.05:
+            break  # a stack would stand from here on
         command = window.command(percept, LocalGoal((c * dx + s * dy, c * dy - s * dx), True))
-    assert math.dist(drive.pose[:2], goal) < 0.15
+    assert math.dist(drive.pose[:2], goal) < 0.05
