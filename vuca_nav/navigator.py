@@ -66,9 +66,6 @@ class NavigatorConfig:
     (``worlds.scenes.training.GAP``), which cells of the map make up to 0.1 m narrower."""
     widest_narrow: float = 1.4
     """Greatest width that counts as narrow once the robot has hovered before it [m]."""
-    window_room: float = 0.0
-    """Width beyond the body's that the dynamic window needs [m]: its margin, and the error of its distance field, on
-    both sides. In ways narrower still the network drives."""
     narrow_step: float = 0.1
     """Width by which narrow ways may be wider than the one that the robot has hovered before [m]."""
     narrow_reach: float = 2.0
@@ -129,7 +126,9 @@ class Navigator(Stack):
         self.body = body
         self._discs = cover_by_discs(body.footprint)
         self._half_width = float(self._discs[:, 2].max())
-        self._least_width = 2.0 * (half_way(body.footprint) - ROOM) + config.window_room
+        self._least_width = 2.0 * (
+            half_way(body.footprint) - ROOM
+        )  # of the body: what is narrower on the map is the network's
         self.config = config
         self.telemetry = telemetry
         self.perception = Perception(lidar, config.perception, body, config.rate)
